@@ -55,21 +55,21 @@ def timed(plant: Path) -> Timing:
     """Make the runs twice in this process, compiled from nothing before the first."""
     from benchmarks.agreement import agreement
     from sysid.robot.mission.batch.pool import threaded
+    from sysid.robot.mission.batch.runner import BATCH_SIZE
     from sysid.robot.mission.batch.sampler import run_seeds
-    from sysid.robot.mission.monte_carlo.runs import Runner, chunks
+    from sysid.robot.mission.monte_carlo.runs import chunks, runner_of
     from sysid.runners.compiled import jax_module
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)
-    runner, seeds = Runner.of(setup), run_seeds(0, RUNS)
-    parts = chunks(setup, seeds, runner.compiled[0].batch_size)
+    run, parts = runner_of((setup, True)), chunks(setup, run_seeds(0, RUNS), BATCH_SIZE)
     start = process_time()
-    runner.run(parts[0])
+    run(parts[0])
     first = process_time() - start
     spans = []
     for _ in range(2):
         start = process_time()
-        found = list(threaded(runner.run, chunks(setup, run_seeds(0, RUNS), len(parts[0].runs))))
+        found = list(threaded(run, chunks(setup, run_seeds(0, RUNS), len(parts[0].runs))))
         spans.append(process_time() - start)
     seconds = min(spans)
     start = process_time()

@@ -1,17 +1,16 @@
 """An answer that fits a screen: at most 24 lines of the terminal's width, and where the rest is."""
 
+import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
+from pathlib import Path
 from typing import Any, Literal
 
-from sysid.outside_text import visible
-
 from . import render
-from .field_options import with_options
 
 LINES = 24
 """Lines of an answer, warnings included: those of the smallest terminal in use."""
@@ -37,7 +36,14 @@ class Answer:
     """
 
     ending: int = 2
+    _files: Mapping[str, Path] = field(default_factory=dict)
     _lines: list[tuple[Any, str]] = field(default_factory=list)
+
+    @staticmethod
+    def with_files(ending: int, files: Mapping[str, Path | None]) -> "Answer":
+        """One that names files before its last line: word → path; none where it was not written."""
+        written = {word: path for word, path in files.items() if path is not None}
+        return Answer(ending + len(written), written)
 
     @property
     def room(self) -> int:
@@ -50,7 +56,7 @@ class Answer:
 
         if style == "dim" and render.quiet():
             return
-        for line in _wrapped(_shown(text), most):
+        for line in _wrapped(render.shown(text), most):
             self._lines += [(stream or sys.stdout, s) for s in _drawn(Text(line, style=style))]
 
     def note(self, text: str, most: int) -> None:
@@ -82,9 +88,9 @@ class Answer:
             rest: the command that shows them all.
         """
         told = list(dict.fromkeys(sentences))
-        parts = [_wrapped(f"! {_shown(s)}", LINES) for s in told]
+        parts = [_wrapped(f"! {render.shown(s)}", LINES) for s in told]
         if sum(map(len, parts)) > self.room:
-            parts = [_wrapped(f"! {_first_sentence(_shown(s))}", 2) for s in told]
+            parts = [_wrapped(f"! {_first_sentence(render.shown(s))}", 2) for s in told]
         kept = len(parts)
         while kept and sum(map(len, parts[:kept])) + (kept < len(parts)) > self.room:
             kept -= 1
@@ -93,8 +99,11 @@ class Answer:
         for part in (*parts[:kept], *more):
             self.say("\n".join(part), "yellow", LINES, sys.stderr)
 
-    def print(self) -> None:
-        """Write all lines, each to its stream."""
+    def print(self, last: str = "") -> None:
+        """Write all lines, each to its stream, then the files and a last one."""
+        for word, path in self._files.items():
+            self.say(f"{word}: {path}", "", 1)
+        self.say(last, "bold", 1)
         for stream, line in self._lines:
             (sys.stdout if stream is sys.stderr else sys.stderr).flush()
             stream.write(f"{line}\n")
@@ -106,20 +115,18 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
     from rich.text import Text
 
     drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
-    for k, head in enumerate(heads):
-        numeric = all(_numeric(row[k]) for row in rows)
-        side: Literal["left", "right"] = "right" if numeric else "left"
-        first = k == 0 and max(len(str(row[0])) for row in rows) <= LONG_NAME
-        drawn.add_column(
-            Text(_shown(head)), justify=side, overflow="fold", no_wrap=numeric or first
+    cells = [["–" if c is None else _joined(render.shown(str(c))) for c in row] for row in rows]
+    shown = [render.shown(h) for h in heads]
+    wide = render.column_widths([shown, *cells], width() - 2 * (len(shown) - 1))
+    for k, head in enumerate(shown):
+        side: Literal["left", "right"] = (
+            "right" if all((r[k] is None or render.is_number(r[k])) for r in rows) else "left"
         )
-    for row in rows:
-        drawn.add_row(*(Text("–" if c is None else _joined(_shown(str(c)))) for c in row))
+        drawn.add_column(Text(head), justify=side, overflow="fold", width=wide[k])
+    for line in cells:
+        drawn.add_row(*map(Text, line))
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
-
-LONG_NAME = 34
-"""Letters of a first column beyond which it is wrapped, so that the figures beside it are whole."""
 
 _JOIN = "\ue000"
 """Stands for a space at which a cell is not broken; no text holds it."""
@@ -130,14 +137,6 @@ def _joined(cell: str) -> str:
     return cell.replace(" ± ", f"{_JOIN}±{_JOIN}")
 
 
-def _shown(text: str) -> str:
-    return visible(with_options(text))
-
-
-def _numeric(cell: object) -> bool:
-    return cell is None or (isinstance(cell, int | float) and not isinstance(cell, bool))
-
-
 def _first_sentence(text: str) -> str:
     """Up to the first full stop or semicolon behind which something else begins."""
     ends = [at for mark in (". ", "; ") if (at := text.find(mark)) > 0]
@@ -145,19 +144,30 @@ def _first_sentence(text: str) -> str:
 
 
 def _wrapped(text: str, most: int) -> list[str]:
-    """A text in lines of the answer's width; what is longer ends in dots."""
+    """A text in lines of the answer's width; what is longer ends in dots, behind a sentence or a
+    part of one where that is in its second half."""
     lines: list[str] = []
     for part in text.splitlines():
         indent = " " * (len(part) - len(part.lstrip()) + (2 if part.startswith(HANGING) else 0))
-        lines += textwrap.wrap(
-            part,
-            width(),
-            subsequent_indent=indent,
-            break_long_words=False,
-            break_on_hyphens=False,
-            max_lines=most,
-            placeholder=" …",
-        ) or [""]
+
+        def filled(words: str, indent: str = indent) -> list[str]:
+            return textwrap.wrap(
+                words,
+                width(),
+                subsequent_indent=indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+
+        whole = filled(part) or [""]
+        if len(whole) > most:
+            ends = [m.end() for m in re.finditer(r"[.;](?= )", part)]
+            cuts = [f"{part[:end]} …" for end in ends if end > most * width() // 2]
+            fitting = [c for c in map(filled, cuts) if len(c) <= most]
+            last = whole[most - 1]
+            last = last if len(last) <= width() - 2 else last[: last.rindex(" ")]
+            whole = fitting[-1] if fitting else [*whole[: most - 1], f"{last} …"]
+        lines += whole
     return lines
 
 

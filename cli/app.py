@@ -82,6 +82,7 @@ for _command in (motor.motor, pendulum.pendulum, power.power):
 app.add_typer(bench, name="bench", context_settings=_HELP, rich_help_panel="Vehicle and bench")
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Settings of NumPy's linear algebra, 1 unless they are set: more pay for large regressions."""
 
 # typer carries its own click or uses an installed one, depending on its version; the base of
 # BadParameter is that click's UsageError either way.

@@ -13,7 +13,7 @@ from sysid.workspace.store import StoredModel, Workspace
 from . import fit_options, reading, render
 from .answer import Answer
 from .fit_report import fits, residual_marks
-from .options import argument, command, group, option
+from .options import command, group, option
 from .read_as import decided, decisions_in_words
 
 if TYPE_CHECKING:
@@ -31,12 +31,7 @@ PAGE = 6
 
 @command
 def compare(
-    models: list[str] | None = argument(
-        "[MODEL]...",
-        "Model ids [all of the workspace].",
-        None,
-        autocompletion=reading.stored_models,
-    ),
+    models: list[str] | None = reading.ids("[MODEL]...", "Model ids [all of the workspace]."),
     criterion: str = fit_options.criterion(
         f"Ranks the models: {', '.join(BUILT_IN)}, or one of another package."
     ),
@@ -75,9 +70,11 @@ def compare(
             judged_on = common_validation(contenders)
         ranking = rank(contenders, criterion, judged_on, policy, advance)
     best, before = ranking.best.contender.id, store.chosen(None).id
+    # a fit may rank by its own data, a comparison not
+    instead = f"Commands take {best} from now on; before this comparison they took {before}."
     ranking = replace(
         ranking,
-        notes=(*ranking.notes, *_instead(best, before), *warned(findings)),
+        notes=(*ranking.notes, *[instead] * (best != before), *warned(findings)),
         excluded={**ranking.excluded, **unreadable},
     )
     crossed = _cross_validated(ranking, folds)
@@ -88,13 +85,6 @@ def compare(
         return
     page = _page(store, ranking, judged_on, contenders)
     _show(ranking, crossed, {"Page": page}, read_as, notes(findings))
-
-
-def _instead(best: str, before: str) -> tuple[str, ...]:
-    """That commands take another model now: a fit may rank by its own data, a comparison not."""
-    if best == before:
-        return ()
-    return (f"Commands take {best} from now on; before this comparison they took {before}.",)
 
 
 def _page(
@@ -114,8 +104,9 @@ def _page(
         return None
     order = records[0].input_names, records[0].output_names  # a picture has one order of channels
     alike = [
-        Shown(c.id, c.model)
-        for c in (line.contender for line in ranking.lines)
+        Shown(c.id, c.model, line.step_time)
+        for line in ranking.lines
+        for c in (line.contender,)
         if (tuple(u.name for u in c.model.inputs), tuple(y.name for y in c.model.outputs)) == order
     ]
     shown = alike[:PAGE]
@@ -187,8 +178,7 @@ def _show(
     heads += [f"{next(iter(folds.values())).folds} folds"] if folds else []
     kinds = _kinds(ranking)
     cost = ["µs a step"] if kinds else []
-    paths = {word: path for word, path in pictures.items() if path is not None}
-    answer = Answer(ending=1 + len(paths))
+    answer = Answer.with_files(1, pictures)
     answer.say(decisions_in_words(read_as), "dim", 2)
     for note in reading_notes[:2]:
         answer.say(note, "dim", 1)
@@ -205,10 +195,7 @@ def _show(
         parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
         answer.say(f"What the models reveal: {'; '.join(parts)}.", "", 2)
     answer.cautions([*ranking.notes, *reasons(ranking.excluded)], "--json")
-    for word, path in paths.items():
-        answer.say(f"{word}: {path}", "", 1)
-    answer.say(f"Best: {first.contender.id}. Next: sysid show | sysid export", "bold", 1)
-    answer.print()
+    answer.print(f"Best: {first.contender.id}. Next: sysid show | sysid export")
 
 
 def _kinds(ranking: "Ranking") -> dict[str, list[str]]:

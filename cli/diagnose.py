@@ -60,12 +60,12 @@ def diagnose(
     given = place.load(model) if model is not None else None
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
-    holdout, holdout_findings = _records(validation, data.read, steps) if validation else (None, ())
+    data, holdout, holdout_findings = _with_holdout(data, validation or [], steps)
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(holdout or (), validation or ())
     result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
-    before, after = keep_models(place, result, data.base, origin, judged)
+    before, after = keep_models(place, result, given, origin, judged)
     offsets = result.before.operating_point.decision
     read_as = decided((*data.records, *(holdout or ())), offsets)
     document = write_results(folder, result, before, after, read_as)
@@ -85,16 +85,13 @@ class _EstimationData:
 
     Attributes:
         records: one or several a log.
-        findings: what there is to say about the reading.
-        base: the stored model to diagnose, if any.
-        model: the model to diagnose, the base's or the plant's; None for the baseline.
+        model: the model to diagnose, a stored one's or the plant's; None for the baseline.
         against: the workspace's best model of these channels, which the result is compared with.
     """
 
     records: "list[Record]"
     findings: "tuple[Finding, ...]"
     read: "ReadOptions"
-    base: StoredModel | None
     model: "Model | None"
     against: StoredModel | None
 
@@ -129,7 +126,20 @@ def _estimation_data(
     if wired:  # the sides and signs of a path are those of the wheels
         records = [replace(r, pose=None) for r in records]
     best = place.best_for(records[0]) if given_model is None else None
-    return _EstimationData(records, (*findings, *wired), read, given, given_model, best)
+    return _EstimationData(records, (*findings, *wired), read, given_model, best)
+
+
+def _with_holdout(
+    data: _EstimationData, validation: list[Path], steps: "Preparation"
+) -> "tuple[_EstimationData, list[Record] | None, tuple[Finding, ...]]":
+    """The data and the records of the validation logs, at one sample time."""
+    from sysid.data.same_kind import with_validation
+
+    if not validation:
+        return data, None, ()
+    holdout, findings = _records(validation, data.read, steps)
+    records, judged, resampled = with_validation(data.records, holdout)
+    return replace(data, records=list(records)), list(judged), (*findings, *resampled)
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:
@@ -162,13 +172,7 @@ def _run(
     read_as: "tuple[Finding, ...]",
     bench: Path | None,
 ) -> "Diagnosis":
-    """The diagnosis, with what there is to say about the reading of its logs.
-
-    Args:
-        data: what effects are searched on.
-        drive: the mission and the vehicle.
-        read_as: what there is to say about the reading.
-    """
+    """The diagnosis, with what there is to say about the reading of its logs."""
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.against import compared
     from sysid.diagnosis.diagnose import diagnose

@@ -25,7 +25,7 @@ def show(
     """Print what is missing, how sure that is, what is left, and what to do next."""
     from sysid.report import diagnosis_words as words
 
-    answer = Answer(ending=2)
+    answer = Answer()
     answer.note(decisions_in_words(read_as), 2)
     for line in result.reading[:1]:
         answer.say(line, "dim", 1)
@@ -46,22 +46,20 @@ def show(
             answer.say(f"  {len(rows) - shown} more rows: the page", "dim", 1)
     for line in (words.worst_sentence(result), words.left_sentence(result), result.description):
         if answer.room > 0:
-            answer.say(line, "", 2)
+            answer.say(line, "", min(answer.room, 2))
     if result.path.get("sentence") and answer.room > 1:
         answer.say(str(result.path["sentence"]), "", 2)
     answer.cautions([*result.changes, *result.warnings], "the page")
     answer.say(f"Saved {after}. Page: {folder / 'index.html'}", "", 1)
-    grown = "sysid show | sysid compare | sysid export"
-    answer.say(f"Next: {grown if result.grown else 'sysid export'}", "bold", 1)
-    answer.print()
+    answer.print(f"Next: {'sysid show | sysid compare | ' * result.grown}sysid export")
 
 
 def show_all(result: "Diagnosis", before: str, after: str, folder: Path) -> None:
     """Print everything below the answer: where, what, by log, what was added, what it closes."""
-    from sysid.report.diagnosis_words import size_sentence, story
+    from sysid.report import diagnosis_words as words
 
     render.reading(result.reading)
-    for sentence in (story(result), size_sentence(result)):
+    for sentence in (words.story(result), words.size_sentence(result)):
         if sentence:
             render.say(sentence)
     _where(result)
@@ -102,29 +100,19 @@ def _where(result: "Diagnosis") -> None:
 
 
 def _what(result: "Diagnosis") -> None:
-    from sysid.report.diagnosis_words import (
-        evidence_sentence,
-        nothing_named,
-        score_words,
-        shape_sentence,
-        tie_sentence,
-    )
+    from sysid.report import diagnosis_words as words
 
     _section("What")
     for k, e in enumerate(result.effects, start=1):
         where = f" on {', '.join(e.channels)}" if e.channels else ""
         render.say(f"{k}. {e.id} ({e.stage}){where}", "bold")
-        for sentence in (
-            e.sentence,
-            evidence_sentence(e),
-            tie_sentence(e),
-        ):
+        for sentence in (e.sentence, words.evidence_sentence(e), words.tie_sentence(e)):
             if sentence:
                 render.say(f"   {sentence}")
     if not result.effects:
-        render.say(nothing_named(result))
+        render.say(words.nothing_named(result))
     for s in result.shapes:
-        render.say(f"Shape: {shape_sentence(s)}")
+        render.say(f"Shape: {words.shape_sentence(s)}")
     if result.description:
         render.say(f"What remains: {result.description}")
     for d in result.rejected:
@@ -132,7 +120,7 @@ def _what(result: "Diagnosis") -> None:
     if result.minor:
         render.say(f"Minor or not significant, not added: {', '.join(result.minor)}.")
     if result.candidates:
-        best = (f"{id} {score_words(s)}" for id, s in result.candidates[:_MOST])
+        best = (f"{id} {words.score_words(s)}" for id, s in result.candidates[:_MOST])
         render.say(f"Tried first, by fall of BIC: {', '.join(best)}.", "dim")
 
 
@@ -170,15 +158,11 @@ def _added(result: "Diagnosis", before: str, after: str) -> None:
 
 
 def _shrunk(result: "Diagnosis") -> None:
-    from sysid.report.diagnosis_words import (
-        channel_lines,
-        gap_sentence,
-        residual_sentence,
-    )
+    from sysid.report import diagnosis_words as words
     from sysid.report.style import percent as fit_words
 
     _section("Shrunk")
-    render.say(gap_sentence(result) if result.grown else "No effect was added.")
+    render.say(words.gap_sentence(result) if result.grown else "No effect was added.")
     rows = [
         [
             c.name,
@@ -187,11 +171,11 @@ def _shrunk(result: "Diagnosis") -> None:
             render.number(c.noise_floor, 4),
             _change(result, fit_words(c.fit_before), fit_words(c.fit_after)),
         ]
-        for c in channel_lines(result)
+        for c in words.channel_lines(result)
     ]
     render.table(["output", "RMSE, held out", "noise floor", "fit, held out"], rows)
     for test in result.residuals if result.grown else result.residuals[:1]:
-        sentence = residual_sentence(test)
+        sentence = words.residual_sentence(test)
         render.say(f"{sentence[:1].upper()}{sentence[1:]}.", "dim")
     _path(result)
 
@@ -199,17 +183,16 @@ def _shrunk(result: "Diagnosis") -> None:
 def _path(result: "Diagnosis") -> None:
     from sysid.report.diagnosis_path import path_table
 
-    rows = [[cell if cell is None else _short(cell) for cell in r] for r in path_table(result.path)]
+    rows = [
+        [render.number(cell, 4) if isinstance(cell, float) else cell for cell in row]
+        for row in path_table(result.path)
+    ]
     if rows:
         render.table(
             [str(result.path.get("mission", "mission")), "measured", "before", "after"], rows
         )
     if result.path.get("sentence"):
         render.say(result.path["sentence"])
-
-
-def _short(cell: Any) -> str:
-    return render.number(cell, 4) if isinstance(cell, float) else str(cell)
 
 
 def _change(result: "Diagnosis", before: str, after: str) -> str:

@@ -115,12 +115,12 @@ def fit(
         _document(stored, identification, followed, read_as, apart)
     else:
         page = _page(store, stored[0], identification)
-        said = [s for told in apart.values() for s in told.sentences]
+        said = [s for known in apart.values() for s in known.sentences]
         show(stored, identification, read_as, {"Page": page}, notes, said)
         if full:
             render.reading(notes)
-            for name, told in apart.items():
-                render.say(f"Before the fit, {name}: {told.words}")
+            for name, known in apart.items():
+                render.say(f"Before the fit, {name}: {known.words}")
             show_model(stored[0])
 
 
@@ -143,9 +143,9 @@ def _page(store: Workspace, best: StoredModel, identification: "Identification")
 
     records = identification.validation or identification.estimation
     tests = identification.assessments[0].residuals
-    line = command_of(best.model)
+    line, found = command_of(best), identification.findings
     page = model_page(
-        best.id, best.model, best.report, records, (), tests, command=line, quick=True
+        best.id, best.model, best.report, records, found, tests, command=line, quick=True
     )
     path = store.root / "fit.html"
     write_atomic(path, page.html())
@@ -160,7 +160,7 @@ def _identify(
     request: "Request",
 ) -> "tuple[Identification, tuple[str, ...], tuple[Record, ...], Mapping[str, Identifiability]]":
     """The fitted models, notes on how the logs were read, the records of all, and what each grey
-    box could tell apart, which is said before time is spent.
+    box could distinguish, which is said before time is spent.
 
     Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
@@ -169,32 +169,26 @@ def _identify(
     from sysid.data.inspection import require_usable
     from sysid.data.preparation import Preparation, read_prepared
     from sysid.data.reading.blocks import large_log
+    from sysid.data.same_kind import with_validation
     from sysid.estimation.all_rows import on_all_rows
     from sysid.estimation.identify import identify
     from sysid.estimation.information.before_fit import before_request
 
     records, findings = read_prepared(logs, read, steps)
-    validation, validation_findings = (
-        read_prepared(val, read, steps, records[0].dt) if val else ((), ())
-    )
+    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
+    records, validation, resampled = with_validation(records, validation)
+    findings += resampled
     require_usable(records)
     apart = before_request(records, request)
-    for told in apart.values():
-        render.cautions(told.sentences)
-    with render.progress("Fitting", total=1000) as tick:
-        done = 0
-
-        def progress(share: float, _what: str) -> None:
-            nonlocal done
-            tick(round(1000 * share) - done)
-            done = round(1000 * share)
-
+    for known in apart.values():
+        render.cautions(known.sentences)
+    facts = LogFacts(records, findings)
+    with render.stages("Fitting") as shown:
         identification = identify(
-            LogFacts(records, findings), validation, request, progress, inspect=True
+            facts, validation, request, lambda share, _: shown("Fitting", share), inspect=True
         )
         large = large_log(logs[0], read) if len(logs) == 1 and steps == Preparation() else None
         if large is not None:
-            facts = LogFacts(records, findings)
             identification = on_all_rows(identification, facts, request, large)
     said = notes((*findings, *validation_findings))
     return identification, said, (*records, *validation), apart
@@ -214,7 +208,7 @@ def _document(
     document["models"] = models
     document["read_as"] = read_as
     if apart:
-        document["before_fit"] = {name: told.to_json() for name, told in apart.items()}
+        document["before_fit"] = {name: known.to_json() for name, known in apart.items()}
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}
     render.document(document)

@@ -1,8 +1,9 @@
 """Options of fitting and validation, as the library takes them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
@@ -68,16 +69,8 @@ def _bounds(text: str) -> tuple[float, float]:
     return _number(low), _number(high)
 
 
-def _fixed(given: Sequence[str]) -> dict[str, float]:
-    return pairs(given, "--fix", "NAME=VALUE with a finite number, such as a1=-0.9", _finite)
-
-
-def _bounded(given: Sequence[str]) -> dict[str, tuple[float, float]]:
-    return pairs(given, "--bound", "NAME=LOW:HIGH such as a1=-1:0", _bounds)
-
-
-def _structure_options(given: Sequence[str]) -> dict[str, str]:
-    return pairs(given, "--option", "it like units=20", str, sep=None)
+def _read(option: str, advice: str, read: Callable[[str], Any], sep: str | None = ",") -> Any:
+    return partial(pairs, option=option, advice=advice, read=read, sep=sep)
 
 
 def _tolerance(value: float) -> float:
@@ -95,16 +88,22 @@ class Fitting:
     )
     initial: str = _INITIAL
     fixed: list[str] | None = _fitting_more(
-        "NAME=VALUE", "Fix a parameter at a value, e.g. a1=-0.9.", "--fix", parse=_fixed
+        "NAME=VALUE",
+        "Fix a parameter at a value, e.g. a1=-0.9.",
+        "--fix",
+        parse=_read("--fix", "NAME=VALUE with a finite number, such as a1=-0.9", _finite),
     )
     bounds: list[str] | None = _fitting_more(
-        "NAME=LOW:HIGH", "Keep a parameter between bounds, e.g. a1=-1:0.", "--bound", parse=_bounded
+        "NAME=LOW:HIGH",
+        "Keep a parameter between bounds, e.g. a1=-1:0.",
+        "--bound",
+        parse=_read("--bound", "NAME=LOW:HIGH such as a1=-1:0", _bounds),
     )
     structure_options: list[str] | None = _fitting_more(
         "NAME=VALUE",
         "Option of the structure; `sysid structures NAME` lists them.",
         "--option",
-        parse=_structure_options,
+        parse=_read("--option", "it like units=20", str, sep=None),
     )
     robust: bool = fitting_option(None, "Detect outliers and leave them out.", default=False)
     stable: bool = _fitting_more(None, "Restrict the search to stable models.", default=False)
@@ -123,11 +122,7 @@ class Fitting:
     )
 
     def made(self) -> "FitOptions":
-        """As the library takes them.
-
-        Raises:
-            UsageError: an option cannot be.
-        """
+        """As the library takes them."""
         from sysid.fitting.options import FitOptions
 
         given = changed(self)
@@ -149,11 +144,7 @@ class Judging:
     )
 
     def made(self) -> "Policy":
-        """As the library takes it.
-
-        Raises:
-            UsageError: there is no such initial state.
-        """
+        """As the library takes it."""
         from sysid.estimation.assessment.figures import Start
         from sysid.estimation.assessment.findings import Policy
 

@@ -35,8 +35,7 @@ def show(
         said: warnings that were shown before the fit.
     """
     best, id = identification.assessments[0], stored[0].id
-    paths = {word: path for word, path in pictures.items() if path is not None}
-    answer = Answer(ending=2 + len(paths))
+    answer = Answer.with_files(2, pictures)
     answer.note(decisions_in_words(read_as), 2)
     for note in reading[:2]:
         answer.say(note, "dim", 2)
@@ -48,10 +47,12 @@ def show(
     failed = [f"{n} could not be fitted: {why}" for n, why in identification.failed.items()]
     answer.cautions([*failed, *(w for w in best.warnings if w not in said)], "sysid show")
     answer.say(f"Saved {id}. Details: sysid show", "", 1)
-    for word, path in paths.items():
-        answer.say(f"{word}: {path}", "", 1)
-    answer.say(f"Next: {_next(best)}", "bold", 1)
-    answer.print()
+    # a time series without inputs makes no plant
+    answer.print(
+        "Next: sysid export | sysid diagnose OTHER.csv"
+        if best.model.inputs
+        else "Next: sysid compare"
+    )
 
 
 def _ranking(
@@ -110,15 +111,11 @@ def _responses(answer: Answer, best: "Assessment") -> None:
         if any(UNSURE in cell for row in rows[:shown] for cell in row):
             more.append(f"{UNSURE} interval holds zero")
         if shown < len(paths):
-            more.append(f"{len(paths) - shown} more rows: sysid show")
+            left = len(paths) - shown
+            more.append(f"{left} more row{'s' * (left > 1)}: sysid show")
         answer.say("; ".join([*more, small] if small else more), "dim", 1)
     for line in mode_sentences(own_modes(best.model)):
         answer.say(line, "", 1)
-
-
-def _next(best: "Assessment") -> str:
-    """The next commands for the model; a time series without inputs makes no plant."""
-    return "sysid export | sysid diagnose OTHER.csv" if best.model.inputs else "sysid compare"
 
 
 def residual_marks(residuals: Mapping[str, Any]) -> str:

@@ -29,9 +29,7 @@ def forecast(
     output: Path | None = targets.picture_target(
         "Picture: .svg, .png or .pdf [WORKSPACE/forecast.svg].", "-o"
     ),
-    save: Path | None = targets.target(
-        "DATA.csv", "Also write the numbers, with 95 % bands.", "--save", suffixes=(".csv",)
-    ),
+    save: Path | None = targets.data_target("--save", "Also write the numbers, with 95 % bands."),
     read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,

@@ -25,9 +25,9 @@ def inspect(
         "N", "Order of excitation the inputs should have.", default=8, min=1, max=200
     ),
     effects: bool = flag(
-        "Also say which missing effects the log would show, and which it could tell apart."
+        "Also say which missing effects the log would show, and which it could distinguish."
     ),
-    plot: Path | None = targets.picture("With --effects: draw what it can tell apart."),
+    plot: Path | None = targets.picture("With --effects: draw what it can distinguish."),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     json: bool = reading.JSON,
@@ -48,13 +48,13 @@ def inspect(
     records, reading_findings = read_prepared(logs, read, steps)
     findings = inspect_records(LogFacts(records, reading_findings), excitation)
     verdict = worst(findings)
-    told = _told_apart(records, plot) if effects and verdict is not Severity.FATAL else None
+    isolability = _isolability(records, plot) if effects and verdict is not Severity.FATAL else None
     if json:
-        _document(records, findings, verdict.word, told)
+        _document(records, findings, verdict.word, isolability)
     else:
         _show(records, findings, verdict.word)
-        if told is not None:
-            _show_effects(told)
+        if isolability is not None:
+            _show_effects(isolability)
     if verdict is Severity.FATAL:
         raise typer.Exit(1)
 
@@ -69,7 +69,7 @@ _VERDICTS = {
 }
 
 
-def _told_apart(records: "tuple[Record, ...]", plot: Path | None) -> "Isolability":
+def _isolability(records: "tuple[Record, ...]", plot: Path | None) -> "Isolability":
     """What a diagnosis of the logs could show, drawn where that was asked for."""
     from sysid.diagnosis.isolability import isolability
 
@@ -105,9 +105,9 @@ def _document(
     records: "tuple[Record, ...]",
     findings: "tuple[Finding, ...]",
     verdict: str,
-    told: "Isolability | None",
+    isolability: "Isolability | None",
 ) -> None:
-    effects = {} if told is None else {"effects": told.to_json()}
+    effects = {} if isolability is None else {"effects": isolability.to_json()}
     render.document(
         {
             **effects,

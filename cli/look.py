@@ -29,11 +29,9 @@ def look(
     logs: list[Path] = reading.LOGS,
     kernel: Kernel = option("TC|DC|SS", "Prior of the impulse response.", default=Kernel.DC),
     output: Path | None = targets.picture_target("Picture: .svg, .png or .pdf.", "-o"),
-    save: Path | None = targets.target(
-        "DATA.csv",
-        "Also write the curves, with 95 % bands; X.frd.csv: the frequency response.",
+    save: Path | None = targets.data_target(
         "--save",
-        suffixes=(".csv",),
+        "Also write the curves, with 95 % bands; X.frd.csv: the frequency response.",
     ),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading, hidden=True),
@@ -73,12 +71,17 @@ def look(
 
 
 def _show(found: "Look", read_as: str, files: "dict[str, Path | None]") -> None:
-    written = {word: path for word, path in files.items() if path is not None}
-    answer = Answer(ending=1 + len(written))
+    answer = Answer.with_files(1, files)
     answer.note(read_as, 2)
     first = found.records[0]
     rows = [
-        (f"{p.input} → {p.output}", _gain(p), _rise(p), _delay(p), _trusted(p))
+        (
+            f"{p.input} → {p.output}",
+            f"{p.gain:.4g} ± {1.96 * p.gain_error:.2g}" if p.seen else "none seen",
+            f"{p.rise_s:.3g} s" if p.seen and p.rise_s == p.rise_s else "–",
+            _delay(p),
+            f"{p.trusted_hz:.3g} Hz" if p.trusted_hz else "nowhere",
+        )
         for p in sorted(found.paths, key=lambda p: not p.seen)
     ]
     shown = answer.table(
@@ -104,10 +107,7 @@ def _show(found: "Look", read_as: str, files: "dict[str, Path | None]") -> None:
             "towards the inverse of the controller. Fit a model with noise instead (`sysid fit`)."
         )
     answer.cautions(cautions, "--json")
-    for word, path in written.items():
-        answer.say(f"{word}: {path}", "", 1)
-    answer.say(f"Next: {_next(found)}", "bold", 1)
-    answer.print()
+    answer.print(f"Next: {_next(found)}")
 
 
 LINES_OF_OUTPUTS = 10
@@ -144,14 +144,6 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f}" if share > 0.0995 else f"{100.0 * share:.2g}"
 
 
-def _gain(p: "Response") -> str:
-    return f"{p.gain:.4g} ± {1.96 * p.gain_error:.2g}" if p.seen else "none seen"
-
-
-def _rise(p: "Response") -> str:
-    return f"{p.rise_s:.3g} s" if p.seen and p.rise_s == p.rise_s else "–"
-
-
 def _delay(p: "Response") -> str:
     d = p.delay
     if d is None or d.delay is None or not p.seen:
@@ -159,16 +151,12 @@ def _delay(p: "Response") -> str:
     return f"{d.delay}" if d.certain else f"{d.delay} ({d.low}–{d.high})"
 
 
-def _trusted(p: "Response") -> str:
-    return f"{p.trusted_hz:.3g} Hz" if p.trusted_hz else "nowhere"
-
-
 def _linearity(name: str, found: "Look", i: int) -> str:
     """In one sentence: nonlinear or not, by periods where there are some, else by a test."""
     from math import isfinite
 
     d, test, bent = found.distortions[i], found.nonlinearity[i], found.bent(i)
-    verdict = {None: "Linear or not: not to be told", True: "Nonlinear", False: "Linear"}[bent]
+    verdict = {None: "Linear or not: undecided", True: "Nonlinear", False: "Linear"}[bent]
     parts = []
     if d is not None:
         parts.append(f"noise {d.noise:.0f} dB")

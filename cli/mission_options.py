@@ -19,12 +19,7 @@ accept_changes = partial(flag, "Take a plant package that was changed by hand.",
 
 @dataclass(frozen=True)
 class Driven:
-    """What is known of the drive that a log is of; None for what is not.
-
-    Attributes:
-        package: plant the mission was planned with.
-        geometry: the vehicle's lengths.
-    """
+    """What is known of the drive that a log is of; None for what is not."""
 
     mission: Path | None
     package: "Package | None"
@@ -53,12 +48,7 @@ class DriveOptions:
     accept_changes: bool = accept_changes()
 
     def made(self) -> Driven:
-        """The drive as every option of it says.
-
-        Raises:
-            ModelError: the plant package cannot be read.
-            UsageError: a file is not there, or an option cannot be.
-        """
+        """The drive as every option of it says."""
         from sysid.plant.package import read_package
 
         if self.plant is not None and self.mission is None:
@@ -70,19 +60,19 @@ class DriveOptions:
         if self.mission is not None:
             from sysid.robot.mission.spec import load_mission
 
-            load_mission(self.mission)  # refused before the minutes of a diagnosis
-            if lengths is not None:
-                _agree(lengths, self.mission)
+            # refused before the minutes of a diagnosis
+            stated = load_mission(self.mission).vehicle.given_geometry
+            if lengths is not None and stated not in (None, lengths):
+                raise UsageError(
+                    f"{self.mission} gives r = {stated.r:g} m and B = {stated.B:g} m, but "
+                    "--geometry differs; omit --geometry or correct the mission"
+                )
         package = None if self.plant is None else read_package(self.plant, self.accept_changes)
         return Driven(self.mission, package, lengths)
 
 
 def given_lengths(text: str) -> "Geometry":
-    """The vehicle's lengths as ``--geometry`` gives them: both by number, or in a file.
-
-    Raises:
-        UsageError: they cannot be read.
-    """
+    """The vehicle's lengths as ``--geometry`` gives them: both by number, or in a file."""
     from sysid.data.yaml_files.source import read_yaml
     from sysid.vehicle.kinematics import Geometry
 
@@ -102,15 +92,3 @@ def given_lengths(text: str) -> "Geometry":
         return Geometry(lengths["r"], lengths["b"])
     except ModelError as error:
         raise UsageError(f"--geometry {where}: {error}") from None
-
-
-def _agree(lengths: "Geometry", mission: Path) -> None:
-    """Refuse lengths that the mission gives otherwise."""
-    from sysid.robot.mission.spec import load_mission
-
-    of_mission = load_mission(mission).vehicle.given_geometry
-    if of_mission is not None and of_mission != lengths:
-        raise UsageError(
-            f"{mission} gives r = {of_mission.r:g} m and B = {of_mission.B:g} m, but --geometry "
-            "differs; omit --geometry or correct the mission"
-        )

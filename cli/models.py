@@ -24,12 +24,7 @@ class Action(StrEnum):
 @command
 def models(
     action: Action = argument("[list|remove]", "What to do.", default=Action.LIST),
-    id: str | None = argument(
-        "[ID]",
-        "Id of the model to remove, or its beginning.",
-        default=None,
-        autocompletion=reading.stored_models,
-    ),
+    id: str | None = reading.ids("[ID]", "Id of the model to remove, or its beginning."),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
@@ -39,7 +34,12 @@ def models(
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
     store = Workspace(workspace)
     if action is Action.LIST or id is None:
-        (_list_document if json else _list)(*store.readable(), store.root)
+        stored, unreadable = store.readable()
+        if json:
+            left_out = [{"model": id, "reason": reason} for id, reason in unreadable.items()]
+            render.document({"models": [*map(summary, stored)], "unreadable": left_out})
+        else:
+            _list(stored, unreadable, store.root)
     else:
         removed = store.remove(id)
         if json:
@@ -72,11 +72,6 @@ def fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
         if isinstance(figures, dict) and isinstance(figures.get("fit_percent"), dict):
             return dict(figures["fit_percent"])
     return {}
-
-
-def _list_document(stored: "list[StoredModel]", unreadable: dict[str, str], _root: Path) -> None:
-    left_out = [{"model": id, "reason": reason} for id, reason in unreadable.items()]
-    render.document({"models": [summary(s) for s in stored], "unreadable": left_out})
 
 
 def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -> None:

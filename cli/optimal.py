@@ -49,15 +49,11 @@ def designed(stored: "StoredModel", options: dict[str, Any]) -> "tuple[Schedule,
             f"--duration makes {samples} samples of {model.dt:g} s; choose 20 to {LONGEST}"
         )
     limits = _limits(subject, np.asarray(model.detrend.u_offset), given)
-    with render.progress("Designing", total=100) as tick:
-        done = 0
-
-        def progress(share: float) -> None:
-            nonlocal done
-            tick(round(100 * share) - done)
-            done = round(100 * share)
-
-        found = optimal_input(subject, samples, limits, given.get("seed", 0), progress=progress)
+    with render.stages("Designing") as shown:
+        found = optimal_input(
+            *(subject, samples, limits, given.get("seed", 0)),
+            progress=lambda share: shown("Designing", share),
+        )
     u = found.u + np.asarray(model.detrend.u_offset)
     t = np.round(np.arange(samples) * model.dt, 12)
     schedule = Schedule(t, u, model.inputs, (0, samples))

@@ -201,9 +201,6 @@ def pairs(
     Args:
         advice: what to write instead of a text that cannot be read.
         read: the value of a text; a ValueError refuses it.
-
-    Raises:
-        UsageError: a text cannot be read, or a name stands twice.
     """
     values: dict[str, Value] = {}
     for pair in (p for item in given for p in (_split(item, sep) if sep else [item])):
@@ -226,11 +223,7 @@ def _split(text: str, sep: str) -> list[str]:
 
 
 def numbers(text: str, option: str, advice: str) -> tuple[float, ...]:
-    """Numbers with commas between them.
-
-    Raises:
-        UsageError: one is none.
-    """
+    """Numbers with commas between them."""
     try:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
@@ -238,11 +231,7 @@ def numbers(text: str, option: str, advice: str) -> tuple[float, ...]:
 
 
 def one_of(given: str, allowed: Sequence[str], option: str) -> str:
-    """``given`` in lower case if it is one of the allowed words.
-
-    Raises:
-        UsageError: it is not.
-    """
+    """``given`` in lower case if it is one of the allowed words."""
     if given.lower() not in allowed:
         raise UsageError(f"{option} is one of {', '.join(allowed)}, got {given!r}")
     return given.lower()

@@ -22,18 +22,13 @@ def plot(
         "log, look, step, impulse, bode, nyquist, poles, residuals, fit, curve (statics), horizon, "
         "surface, singular (order of ss) or ranking.",
     ),
-    which: list[str] | None = argument(
-        "[MODEL|LOG]...",
-        "Models by id, and logs [the best model; its validation log].",
-        default=None,
-        autocompletion=reading.stored_models,
+    which: list[str] | None = reading.ids(
+        "[MODEL|LOG]...", "Models by id, and logs [the best model; its validation log]."
     ),
     output: Path | None = targets.picture_target(
         "Picture: .svg, .png or .pdf [WORKSPACE/WHAT.svg].", "-o"
     ),
-    save: Path | None = targets.target(
-        "DATA.csv", "Also write the numbers, with 95 % bands.", "--save", suffixes=(".csv",)
-    ),
+    save: Path | None = targets.data_target("--save", "Also write the numbers, with 95 % bands."),
     read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
@@ -91,8 +86,7 @@ def _records(
     from sysid.data.preparation import Preparation, read_prepared
 
     if not logs:
-        data = StoredData()
-        return data.validation(models[0]) or data.estimation(models[0]) or ()
+        return StoredData().judging(models[0])
     read, steps = as_fitted(models[0] if models else None, read, Preparation())
     records, _ = read_prepared(logs, read, steps, models[0].model.dt if models else None)
     for m in models:

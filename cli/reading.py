@@ -32,6 +32,11 @@ def model(help: str) -> Any:
     return option("ID", help, "-m", "--model", autocompletion=stored_models)
 
 
+def ids(metavar: str, help: str) -> Any:
+    """The argument that names models of the workspace, which need not be given."""
+    return argument(metavar, help, default=None, autocompletion=stored_models)
+
+
 def _resolved(given: Sequence[str]) -> tuple[str, ...]:
     """With the whole paths of the files, so that a model can read its data from anywhere."""
     parts = (join.rpartition("=") for join in given)
@@ -43,17 +48,8 @@ def _names(given: Sequence[str]) -> tuple[str, ...]:
     return tuple(name.strip() for item in given for name in item.split(","))
 
 
-def units_of(given: Sequence[str]) -> dict[str, str]:
-    """``["omega_l=rpm,t=ms"]`` as column → unit."""
-    return pairs(given, "--unit", "NAME=UNIT such as omega_l=rpm", str)
-
-
 def periods(given: list[str]) -> dict[str, float]:
-    """``["65536"]``, ``["enc=4096", "angle=none"]`` as column → period; an empty name for all.
-
-    Raises:
-        UsageError: a text cannot be read.
-    """
+    """``["65536"]``, ``["enc=4096", "angle=none"]`` as column → period; an empty name for all."""
     by_column: dict[str, float] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, number = (part.strip() for part in pair.rpartition("="))
@@ -71,11 +67,7 @@ def periods(given: list[str]) -> dict[str, float]:
 
 
 def band_of(text: str) -> tuple[float, float]:
-    """LOW:HIGH in Hz.
-
-    Raises:
-        UsageError: the text is not of that form.
-    """
+    """LOW:HIGH in Hz."""
     low, _, high = text.partition(":")
     try:
         return float(low), float(high)
@@ -84,11 +76,7 @@ def band_of(text: str) -> tuple[float, float]:
 
 
 def seconds_to_trim(text: str) -> tuple[float, float]:
-    """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only.
-
-    Raises:
-        UsageError: the text cannot be read.
-    """
+    """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only."""
     head, _, tail = text.partition(":")
     try:
         return float(head or 0.0), float(tail or 0.0)
@@ -131,7 +119,7 @@ class Reading:
         "Unit of a column in the file, converted to SI: omega_l=rpm, psi=deg, time=ms; for dates "
         "the order of day and month: date=dmy.",
         "--unit",
-        parse=units_of,
+        parse=lambda given: pairs(given, "--unit", "NAME=UNIT such as omega_l=rpm", str),
     )
     pwm_max: float | None = _reading("VALUE", "Command at full drive in the file, e.g. 255.")
     delimiter: str | None = _reading_more("SIGN", "Delimiter, or tab [detected].")
@@ -197,11 +185,7 @@ class Reading:
     )
 
     def made(self) -> "ReadOptions":
-        """As the library takes them.
-
-        Raises:
-            UsageError: an option cannot be.
-        """
+        """As the library takes them."""
         from sysid.data.reading.read_options import ReadOptions
 
         return ReadOptions(**changed(self))
@@ -230,11 +214,7 @@ class Preparing:
     )
 
     def made(self) -> "Preparation":
-        """As the library takes it.
-
-        Raises:
-            UsageError: an option cannot be.
-        """
+        """As the library takes it."""
         from sysid.data.preparation import Preparation
 
         head, tail = self.trim or (0.0, 0.0)

@@ -5,18 +5,13 @@ from pathlib import Path
 from sysid.workspace.store import Workspace
 
 from . import reading, render
-from .options import argument, command, option
+from .options import command, option
 
 
 @command
 def reduce(
-    model: str | None = argument(
-        "[MODEL]",
-        "Id of a linear model [the best].",
-        default=None,
-        autocompletion=reading.stored_models,
-    ),
-    order: int = option("N", "States that are kept.", "--order", min=1),
+    model: str | None = reading.ids("[MODEL]", "Id of a linear model [the best]."),
+    states: int = option("N", "States that are kept.", "--states", min=1),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
@@ -25,7 +20,7 @@ def reduce(
 
     store = Workspace(workspace)
     stored = store.chosen(model)
-    found = reduced(stored.model, order)
+    found = reduced(stored.model, states)
     kept = store.save(found.model, {"reduced_from": stored.id})
     if json:
         render.document(
@@ -41,7 +36,7 @@ def reduce(
     values = ", ".join(f"{v:.3g}" for v in found.singular)
     render.say(f"{stored.id}: {len(found.singular)} states; Hankel singular values {values}.")
     render.say(
-        f"With {order} of them the frequency response changes by {found.reached:.3g} at most "
+        f"With {states} of them the frequency response changes by {found.reached:.3g} at most "
         f"(bound {found.bound:.3g})."
     )
     render.say(f"Saved {kept.id}. Details: sysid show {kept.id}")

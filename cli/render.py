@@ -29,9 +29,6 @@ _PIPE_WIDTH = 120
 """Columns of a table that is piped into a file, where neither a terminal nor COLUMNS says how wide
 it is; sentences are not wrapped there."""
 
-_LONGEST_NAME = 30
-"""Letters up to which the first column of a table is never broken into lines."""
-
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "fatal": "bold red"}
 
 
@@ -109,26 +106,56 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
+    console = _console(sys.stdout)
+    cells = [[_cell(c) for c in row] for row in rows]
+    heads = [shown(h) for h in headings]
+    words = [max(map(len, " ".join(c).split(" "))) for c in zip(heads, *cells, strict=True)]
+    framed = sum(words) + 3 * len(heads) < console.width
     drawn = Table(header_style="bold")
-    for k, heading in enumerate(headings):
+    if not framed:  # a frame takes the room of words
+        drawn = Table(header_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    beside = 3 * len(heads) + 1 if framed else 2 * len(heads) - 2
+    wide = column_widths([heads, *cells], console.width - beside)
+    for k, heading in enumerate(heads):
         column = [row[k] for row in rows]
-        numeric = any(_is_number(c) for c in column) and all(
-            c is None or _is_number(c) for c in column
+        numeric = any(is_number(c) for c in column) and all(
+            c is None or is_number(c) for c in column
         )
-        # the first column names the row, such as an id to copy: the others break before it does
-        whole = k == 0 and max((len(_cell(c)) for c in column), default=0) <= _LONGEST_NAME
         side: Literal["left", "right"] = "right" if numeric else "left"
-        drawn.add_column(Text(_shown(heading)), justify=side, overflow="fold", no_wrap=whole)
-    for row in rows:
-        drawn.add_row(*(Text(_cell(c)) for c in row))
+        drawn.add_column(Text(heading), justify=side, overflow="fold", width=wide[k])
+    for line in cells:
+        drawn.add_row(*map(Text, line))
     if title:  # as a line of its own: rich would break it at the width of the table
         say(title, "bold")
-    _console(sys.stdout).print(drawn)
+    console.print(drawn)
     if caption:
         say(caption, "dim")
 
 
-def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
+def column_widths(rows: Sequence[Sequence[str]], room: int) -> list[int]:
+    """Width of each column of cells, headings among them, that share some room.
+
+    Where they do not fit, the widest column that still has words to wrap is narrowed. Words are
+    broken last, and those without a digit before numbers are.
+    """
+    from rich.cells import cell_len
+
+    columns = list(zip(*rows, strict=True))
+    wide = [max(map(cell_len, "\n".join(c).split("\n"))) for c in columns]
+    words = [max(" ".join(c).split(" "), key=cell_len) for c in columns]
+    least = [cell_len(w) for w in words]
+    plain = [not any(map(str.isdigit, w)) for w in words]
+    limits = (least, [1 if p else n for p, n in zip(plain, least, strict=True)], [1] * len(wide))
+    for limit in limits:
+        while sum(wide) > room:
+            spare = [k for k, w in enumerate(wide) if w > limit[k]]
+            if not spare:
+                break
+            wide[max(spare, key=wide.__getitem__)] -= 1
+    return wide
+
+
+def facts(pairs: Sequence[tuple[str, object]]) -> None:
     """Print names and values below each other on stdout."""
     from rich.table import Table
     from rich.text import Text
@@ -137,9 +164,7 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     grid.add_column(overflow="fold")
     grid.add_column(overflow="fold")
     for name, value in pairs:
-        grid.add_row(Text(_shown(name), style="bold"), Text(_cell(value)))
-    if title:
-        say(title, "bold")
+        grid.add_row(Text(shown(name), style="bold"), Text(_cell(value)))
     _console(sys.stdout).print(grid)
 
 
@@ -151,7 +176,7 @@ def findings(verdicts: "Sequence[Finding]") -> None:
     for finding in verdicts:
         word = finding.severity.word
         head = f"{word:>8}  "
-        line = Text(_wrapped(head + _shown(finding.sentence), sys.stdout, " " * len(head)))
+        line = Text(_wrapped(head + shown(finding.sentence), sys.stdout, " " * len(head)))
         line.stylize(_STYLES[word], 0, len(head))
         console.print(line, soft_wrap=True)
         if finding.advice:
@@ -178,6 +203,13 @@ def number(value: float | None, digits: int = 5) -> str:
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
     return f"{value:.{digits}g}"
+
+
+def reach(std_error: float | None, digits: int = 2) -> str:
+    """Half of the 95 % interval of an error that is normal."""
+    from sysid.estimation.assessment.delta_method import NORMAL
+
+    return number(None if std_error is None else NORMAL * std_error, digits)
 
 
 def parameters(model: "Model") -> None:
@@ -363,7 +395,7 @@ def _with_options(value: Any) -> Any:
     return with_options(value) if isinstance(value, str) else value
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """A text as the terminal gets it: options named, nothing that would steer it."""
     return visible(with_options(text))
 
@@ -371,7 +403,7 @@ def _shown(text: str) -> str:
 def _print(sentence: str, stream: Any, style: str, wrapped: bool = True) -> None:
     from rich.text import Text
 
-    text = _shown(sentence)
+    text = shown(sentence)
     if wrapped:
         indent = text[: len(text) - len(text.lstrip(" "))]
         text = _wrapped(text, stream, indent + "  " * text.startswith("! "))
@@ -396,7 +428,7 @@ def _console(stream: Any) -> "Console":
     return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
 
 
-def _is_number(cell: object) -> bool:
+def is_number(cell: object) -> bool:
     return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
@@ -407,4 +439,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
-    return _shown(str(value))
+    return shown(str(value))

@@ -3,20 +3,17 @@
 import os
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sysid.errors import UsageError
 from sysid.workspace.logs import StoredData
 from sysid.workspace.store import StoredModel, Workspace
 
 from . import reading, render, targets
+from .field_options import with_options
 from .missions.page import report_mission
 from .missions.simulate import load_plant
-from .options import argument, command
-
-if TYPE_CHECKING:
-    from sysid.data.record import Record
-    from sysid.structures.model import Model
+from .options import command
 
 DOCUMENTS = ("diagnosis.json", "page.json")
 """Files of a diagnosis."""
@@ -24,12 +21,10 @@ DOCUMENTS = ("diagnosis.json", "page.json")
 
 @command
 def report(
-    models: list[str] | None = argument(
+    models: list[str] | None = reading.ids(
         "[MODEL|MISSION|DIAGNOSIS]...",
         "Model ids; several are compared [the best model]. Or a mission (YAML), "
         "or the folder of a diagnosis.",
-        default=None,
-        autocompletion=reading.stored_models,
     ),
     output: Path | None = targets.target(
         "FILE.html", "Page [WORKSPACE/report.html].", "-o", suffixes=(".html",)
@@ -68,13 +63,13 @@ def report(
         _show(path, {"mission" if folder is None else "diagnosis": name}, json)
         return
     stored = [store.load(i) for i in dict.fromkeys(models or ())] or [store.chosen(None)]
-    records = judged_records(stored)
+    records = StoredData().judging(stored[0])
     if len(stored) == 1:
         (one,) = stored
         logs = StoredData().estimation(one)
         findings = inspect_records(logs) if logs else ()
         tests = residual_tests(one.model, logs) if logs else None
-        line = command_of(one.model)
+        line = command_of(one)
         page = model_page(one.id, one.model, one.report, records, findings, tests, command=line)
     else:
         page = comparison_page([Shown(s.id, s.model) for s in stored], records, stored[0].id)
@@ -96,23 +91,31 @@ def _show(path: Path, of: dict[str, Any], json: bool) -> None:
         render.files({"page": path}, page="Page")
 
 
-def judged_records(stored: list[StoredModel]) -> "tuple[Record, ...]":
-    """What judges models: the first one's validation log, else what it was fitted to."""
-    data = StoredData()
-    return data.validation(stored[0]) or data.estimation(stored[0]) or ()
-
-
-def command_of(model: "Model") -> str:
+def command_of(stored: StoredModel) -> str:
     """The command that makes the model again."""
     from sysid.structures.orders import orders_text
 
+    model = stored.model
     options = model.provenance.options
     files = [str(f) for f in options.get("files") or [s.name for s in model.provenance.data]]
-    names = shlex.join(files)
-    structure = shlex.quote(str(options.get("equations", model.structure.name)))
-    if options.get("made_by") == "diagnose":
-        return f"sysid diagnose {names}"
-    orders = shlex.quote(orders_text(model.structure.order_values()))
-    if orders == "''":
-        return f"sysid fit {names} --structure {structure}"
-    return f"sysid fit {names} --structure {structure} --orders {orders}"
+    judges = (stored.report.get("judged_on") or {}).get("files") or []
+    diagnosed = options.get("made_by") == "diagnose"
+    words = ["sysid", "diagnose" if diagnosed else "fit", *map(_near, files)]
+    if judges and judges != files:
+        words += [w for judge in judges for w in ("--val", _near(judge))]
+    elif (split := options.get("split")) is not None:
+        words += ["--split", f"{split:g}"]
+    orders = orders_text(model.structure.order_values())
+    if not diagnosed:
+        words += ["--structure", str(options.get("equations", model.structure.name))]
+        words += ["--orders", orders] if orders else []
+    read = {**(options.get("read") or {}), **(options.get("prepare") or {})}
+    fields = ", ".join(f"{k}={tuple(v) if isinstance(v, list) else v!r}" for k, v in read.items())
+    said = with_options(f"`{fields}`").strip("`").removeprefix("sysid fit ") if fields else ""
+    return f"{shlex.join(words)} {said}".rstrip()
+
+
+def _near(file: str) -> str:
+    """A file by its name where it lies in or below the working folder."""
+    path = Path(file)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else file

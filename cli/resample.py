@@ -5,17 +5,12 @@ from pathlib import Path
 from sysid.workspace.store import Workspace
 
 from . import reading, render
-from .options import argument, command, option
+from .options import command, option
 
 
 @command
 def resample(
-    model: str | None = argument(
-        "[MODEL]",
-        "Id of a linear model [the best].",
-        default=None,
-        autocompletion=reading.stored_models,
-    ),
+    model: str | None = reading.ids("[MODEL]", "Id of a linear model [the best]."),
     ts: float = option("SECONDS", "Sample time.", "--ts"),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,

@@ -9,7 +9,7 @@ from sysid.workspace.store import Workspace
 from . import reading, render
 from .fit_report import in_both_units, residual_words
 from .models import summary
-from .options import argument, command
+from .options import command
 
 if TYPE_CHECKING:
     from sysid.workspace.store import StoredModel
@@ -20,11 +20,9 @@ BEST = "best"
 
 @command
 def show(
-    model: str | None = argument(
+    model: str | None = reading.ids(
         "[MODEL]",
         "Id of the model, or its beginning [best: that of the last diagnosis, comparison or fit].",
-        default=None,
-        autocompletion=reading.stored_models,
     ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,

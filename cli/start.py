@@ -14,11 +14,6 @@ not look up. What it leaves half done the next command removes."""
 PROMPT = 0.5
 """How soon it is said that an interrupt was heard [s]."""
 
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Settings of NumPy's linear algebra. Its matrices are small here: threads that wait for each other
-cost more than they bring, and on a busy machine a fit takes many times as long (set them to more
-for large regressions)."""
-
 COLLECTION = (50_000, 50, 50)
 """How seldom Python looks for cycles. While libraries load nothing can be freed, and with its own
 numbers it looks through all of them again and again: a tenth of the time of a short command."""
@@ -30,8 +25,6 @@ def main() -> int:
     After an interrupt the process ends here: Python would wait for the threads of libraries, and
     end by the signal where it met one of them in code that a library makes as text.
     """
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
     gc.set_threshold(*COLLECTION)
     ending = Ending()
     if os.name == "posix":

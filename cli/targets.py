@@ -49,6 +49,11 @@ def picture_target(help: str, *names: str) -> Any:
     return option("FILE", help, *names, parse=lambda path: check_picture(path, names[-1]))
 
 
+def data_target(name: str, help: str) -> Any:
+    """An option for a table of numbers to write."""
+    return target("DATA.csv", help, name, suffixes=(".csv",))
+
+
 def check_picture(path: Path, option: str = "--plot") -> Path:
     """Refuse a picture that cannot be drawn.
 

@@ -49,7 +49,7 @@ class Case:
     Attributes:
         plant: ``tracks`` or ``motors``.
         motion: kind of motion.
-        pose: ``odometry``, or ``told``: by the simulation, as Gazebo tells it on ``/odom``.
+        pose: ``odometry``, or ``given``: by the simulation, as Gazebo gives it on ``/odom``.
         compiled: whether plant and laws are the exported C.
     """
 
@@ -75,7 +75,7 @@ WAYS = (
     ("motors", "multibody", False),
     ("motors", "multibody", True),
 )
-POSES = ("odometry", "told")
+POSES = ("odometry", "given")
 CASES = tuple(Case(*way[:2], pose, way[2]) for pose in POSES for way in WAYS)
 
 HEAD = """# The missions in another physics
@@ -90,11 +90,11 @@ as obstacles. Guidance and control have the thesis's gains; nothing was tuned to
   `sysid bench motor` does from the experiments of the thesis, one for each track, at {supply:g} V.
   Only motors without their load can drive `dynamic`; under `kinematic` and `multibody` they turn as
   they do on the bench.
-- **Pose**: by odometry, as the robot has it (with r and B as they are), or told by the simulation,
-  as Gazebo tells it (a Kalman filter of fixes and visual odometry that err by a tenth of a
+- **Pose**: by odometry, as the robot has it (with r and B as they are), or given by the simulation,
+  as Gazebo gives it (a Kalman filter of fixes and visual odometry that err by a tenth of a
   millimetre; it reads no wheels).
 - **Driven by the C**: plant, guidance, control and command module are the compiled C of
-  `sysid export --controller`; MuJoCo moves the body, and navigation tells the C where it is.
+  `sysid export --controller`; MuJoCo moves the body, and navigation gives the C the pose.
 
 Times in seconds, lengths in metres. *Off* is how far from the goal the robot truly ends; guidance
 stops it where it believes to be within 0.1 m. *Line* is the largest distance from the straight
@@ -109,7 +109,7 @@ line, *clear* the smallest from the middle of the robot to a surface.
 TELLS = """
 ## What the table says
 
-- Where the pose is told, all ways arrive as published, Gazebo's among them.
+- Where the pose is given, all ways arrive as published, Gazebo's among them.
 - By odometry MuJoCo's robot ends {off:.2f} m from the second goal and believes to be there: its
   tracks scrub. On the spot, wheels {wide:.3f} m apart turn this body as far as they would turn one
   that is {scrub:.3f} m wide and meets no friction to the side (from where its wheels touch). Nobody
@@ -152,7 +152,7 @@ def mission_of(name: str, case: Case) -> Mission:
         given["motion"] |= {
             "soil": {"preset": "concrete", "friction_angle": angle, "lateral": FRICTION}
         }
-    if case.pose == "told":
+    if case.pose == "given":
         given["navigation"] = {"kind": "ekf"}
         given["sensors"] = {
             "position_fixes": {"noise": EXACT},
@@ -214,7 +214,7 @@ DRAWN = (
 
 
 def draw(path: Path, found: Found) -> None:
-    """The paths of both missions, by odometry and with the pose told."""
+    """The paths of both missions, by odometry and with the pose given."""
     panels = []
     for name, title in MISSIONS.items():
         own = load_mission(sysid_datasets.path(name))
@@ -226,7 +226,7 @@ def draw(path: Path, found: Found) -> None:
                 log = found[name, Case(plant, motion, pose, compiled)].log
                 label = f"{motion} ({plant})" + (", by the C" if compiled else "")
                 lines.append(Line(label, log["x"], log["y"], reference=compiled))
-            said = f"{title}, " + ("odometry" if pose == "odometry" else "pose told")
+            said = f"{title}, " + ("odometry" if pose == "odometry" else "pose given")
             plane = bool(discs)
             panels.append(Panel(said, "x [m]", "y [m]", tuple(lines), plane, tuple(discs)))
     note = (
@@ -315,7 +315,7 @@ def main() -> int:
     text = text.rstrip("\n") + "\n" + tells(found, max(errors))
     STUDY.write(asked, text, "none")
     draw(target.with_suffix(".svg"), found)
-    last = Case("tracks", "multibody", "told")
+    last = Case("tracks", "multibody", "given")
     why = render(
         target.with_name(f"{target.stem}_scene.png"),
         mission_of("obstacles_6_3", last),

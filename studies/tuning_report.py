@@ -10,6 +10,7 @@ from studies.mission_report import SECTORS, best_by_aic, called, identified
 from sysid.report.markdown import table
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.plots import write_picture
+from sysid.robot.mission.control.linear import PIDTerms
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.guidance.steps import Steps
@@ -19,7 +20,7 @@ from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tuning.axes import Axis, answer
 from sysid.robot.mission.tuning.linear_loops import SampledLoop
-from sysid.robot.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
+from sysid.robot.mission.tuning.rules import from_edge, from_lag, lag_model
 from sysid.structures.model import Model
 
 HEAD = """# The thesis's studies of gains, with the identified robot
@@ -260,7 +261,8 @@ def _rules(model: Model) -> str:
         edge = loop.edge()
         if edge is not None:
             sets["Ziegler–Nichols, edge of stability"] = from_edge(*edge)
-        sets["the thesis"] = {"pi": Gains(2.0, 1.85)} if axis is Axis.SPEED else {"p": Gains(0.4)}
+        by_speed, by_yaw = {"pi": PIDTerms(2.0, 1.85)}, {"p": PIDTerms(0.4)}
+        sets["the thesis"] = by_speed if axis is Axis.SPEED else by_yaw
         for rule, kinds in sets.items():
             for kind, gains in kinds.items():
                 m = loop.margins(gains)

@@ -1,6 +1,6 @@
 """The functions of ``import sysid``: each gathers its arguments and calls one function."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +55,8 @@ def _several(records: Records) -> tuple[Record, ...]:
         return read_logs([records])
     if hasattr(records, "to_csv"):
         return (from_dataframe(records),)
+    if not isinstance(records, Iterable):
+        raise UsageError(f"{records!r} is no log; give a record, a file or a table first")
     return tuple(r for log in records for r in _several(log))
 
 
@@ -194,14 +196,18 @@ def identify(
 
 
 def compare(
-    records: Records, models: Mapping[str, Model], criterion: str = "fit", *, name: str = "the log"
+    records: Records,
+    models: Mapping[str, Model] | Sequence[Model],
+    criterion: str = "fit",
+    *,
+    name: str = "the log",
 ) -> "Ranking":
     """Rank models on a log that none of them was fitted to.
 
     Args:
         records: what judges; information criteria are of the data each model was fitted to, so
             with these give the estimation data.
-        models: by the name to be shown.
+        models: by the name to be shown, or one after the other.
         criterion: fit, rmse, aic, bic …
         name: what the data are called in words.
 
@@ -213,6 +219,8 @@ def compare(
     from sysid.estimation.selection.comparison import compare as rank
 
     judged_on = _several(records)
+    if not isinstance(models, Mapping):
+        models = {f"{k} {m.structure.name}": m for k, m in enumerate(models, 1)}
     contenders = [Contender(key, model, judged_on, {}) for key, model in models.items()]
     return rank(contenders, criterion, (judged_on, name))
 
@@ -231,7 +239,7 @@ def step_response(model: Model, *, seconds: float | None = None) -> "tuple[Respo
     return step_curves(model, seconds=seconds)
 
 
-def forecast(model: Model, record: Records, steps: int, *, at: float | None = None) -> "Forecast":
+def forecast(record: Records, model: Model, steps: int, *, at: float | None = None) -> "Forecast":
     """What comes after a log: outputs with 95 % bands that grow.
 
     Args:

@@ -25,6 +25,7 @@ NOT_RUN = ("pip ", "cd ")
 """How commands begin that are not of the workbench."""
 
 _FENCE = re.compile(r"^```(console|python|yaml)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_OPENING = re.compile(r"# [^\n]*\n\n(```.*?^```\n\n?)*", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
@@ -37,12 +38,18 @@ class Example:
     script: str = ""
 
 
-def examples(page: Path) -> Iterator[Example]:
+def examples(page: Path, *, opening: bool = False) -> Iterator[Example]:
     """The console blocks with ``$``, the Python blocks and the named YAML blocks, in their order.
 
     A fence of YAML that is followed by a file's name writes that file.
+
+    Args:
+        opening: only those above the first paragraph.
     """
-    for kind, name, text in _FENCE.findall(page.read_text(encoding="utf-8")):
+    whole = page.read_text(encoding="utf-8")
+    if opening:
+        whole = _OPENING.match(whole)[0]  # type: ignore[index]
+    for kind, name, text in _FENCE.findall(whole):
         if kind == "python":
             yield Example("", script=text)
         elif kind == "yaml" and name.strip():

@@ -58,14 +58,7 @@ def follow(
     """Follow one log until it is to end, and make the model.
 
     Args:
-        how: until when, and how.
-        workspace: where the rows are kept.
         stop: of ``stopping``: following ends when something stands there.
-        quiet: whether nothing is to be shown.
-
-    Raises:
-        UsageError: an option does not go with following.
-        DataError: nothing can be made of what came.
     """
     from sysid.estimation.online.follower import Follower, LiveOptions
 
@@ -82,11 +75,7 @@ def follow(
 
 
 def check_alone(validation: Sequence[Path] | None, steps: "Preparation") -> None:
-    """Refuse what looks at a finished log.
-
-    Raises:
-        UsageError: something of it is given.
-    """
+    """Refuse what looks at a finished log."""
     if validation or steps.to_json():
         raise UsageError(
             "`follow` takes rows as they arrive; omit `validation` and preparation options"
@@ -213,9 +202,6 @@ def stopping(wanted: bool) -> Iterator[list[int]]:
     """Ctrl-C, or a request to end, is noted here instead of tearing a row apart.
 
     A second one interrupts as usual: what is being written then is written whole, or not at all.
-
-    Args:
-        wanted: whether to note it at all.
     """
     noted: list[int] = []
     before: dict[signal.Signals, Any] = {}

@@ -13,11 +13,7 @@ _following_more = in_panel("Following", advanced=True)
 
 @dataclass(frozen=True)
 class Following:
-    """Whether and how a log is followed.
-
-    Raises:
-        UsageError: a time cannot be, or belongs to following and there is none.
-    """
+    """Whether and how a log is followed."""
 
     follow: bool = _following(
         None,

@@ -19,7 +19,9 @@ ZONE_WORDS = {"command": "in the command", "friction": "friction", "both": "comm
 def with_error(value: float, error: float, unit: str = "") -> str:
     """``8.65e-4 ± 9e-6 µs``; a dash where there is no number, and no error where none is known."""
     text = render.number(value, 4)
-    shown = text if text == "–" or not error < float("inf") else f"{text} ± {error:.1g}"
+    shown = (
+        text if text == "–" or not error < float("inf") else f"{text} ± {render.reach(error, 1)}"
+    )
     return f"{shown} {unit}".strip() if text != "–" else text
 
 

@@ -22,9 +22,6 @@ def chosen_controller(text: str, present: Controller) -> Controller:
         text: a kind, e.g. ``pid``, or one for an axis each, e.g. ``speed=pid,yaw=pd``; an axis
             that is not named keeps its law.
         present: the mission's; a law of it that is chosen again keeps its keys.
-
-    Raises:
-        UsageError: there is no such kind, or the text has another form.
     """
     try:
         if "=" not in text:

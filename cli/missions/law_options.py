@@ -32,20 +32,12 @@ class LawChoice:
     motion: str | None = _law_option("KIND", "Motion, e.g. kinematic.")
 
     def refuse_for_log(self, log: object) -> None:
-        """A log is replayed without laws.
-
-        Raises:
-            UsageError: one was named.
-        """
+        """A log is replayed without laws."""
         for role in changed(self):
             raise UsageError(f"{log} is a log to replay; omit --{role}")
 
     def applied(self, mission: "Mission") -> "Mission":
-        """The mission with these laws; one that it has already keeps its keys.
-
-        Raises:
-            UsageError: there is no such kind.
-        """
+        """The mission with these laws; one that it has already keeps its keys."""
         changed: dict[str, Any] = {}
         for role in ("guidance", "navigation", "motion"):
             kind = getattr(self, role)

@@ -66,9 +66,6 @@ class Repeats:
 
         Args:
             why: with ``{}`` for the option.
-
-        Raises:
-            UsageError: one of them is given.
         """
         for name in changed(self):
             raise UsageError(why.format(f"--{name}"))
@@ -104,15 +101,11 @@ def candidates(
     models = [exported]
     for stored in place.all():
         other = stored.model
-        same_plant = (other.dt, other.inputs, other.outputs) == (
-            exported.dt,
-            exported.inputs,
-            exported.outputs,
+        same_plant = all(
+            getattr(other, n) == getattr(exported, n) for n in ("dt", "inputs", "outputs")
         )
-        same_model = (other.structure, other.theta.tolist()) == (
-            exported.structure,
-            exported.theta.tolist(),
-        )
+        same_theta = other.theta.tolist() == exported.theta.tolist()
+        same_model = same_theta and other.structure == exported.structure
         if same_plant and not same_model and [d.sha256 for d in other.provenance.data] == logs:
             models.append(other)
     return models

@@ -46,11 +46,7 @@ def page_text(
     warnings: "list[str] | tuple[str, ...]" = (),
     options: "Mapping[str, Any] | None" = None,
 ) -> str:
-    """The page as text.
-
-    Args:
-        options: of the line that drives it again.
-    """
+    """The page as text."""
     from sysid.report.missions.page import mission_page
 
     words = ["sysid", "simulate", str(path)]

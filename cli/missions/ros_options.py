@@ -26,11 +26,7 @@ def _topic(name: str) -> str:
 
 @dataclass(frozen=True)
 class Topic:
-    """What two nodes agree on.
-
-    Raises:
-        UsageError: an option cannot be.
-    """
+    """What two nodes agree on."""
 
     topic: str | None = _node(
         "NAME", f"Topic for the references of guidance [{REFERENCES}].", parse=_topic
@@ -65,11 +61,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class OverRos(Topic):
-    """Whether and how a mission is guided over ROS.
-
-    Raises:
-        UsageError: an option is given without ``--ros``, or cannot be.
-    """
+    """Whether and how a mission is guided over ROS."""
 
     ros: bool = _node(None, "Guide the robot of another node of ROS 1.", default=False)
 
@@ -80,10 +72,6 @@ class OverRos(Topic):
                 raise UsageError(f"--{name.replace('_', '-')} belongs to --ros; add --ros")
 
     def refuse_for_log(self, log: object) -> None:
-        """A log is replayed without nodes.
-
-        Raises:
-            UsageError: one was to be.
-        """
+        """A log is replayed without nodes."""
         if self.ros:
             raise UsageError(f"{log} is a log to replay; omit --ros")

@@ -13,7 +13,7 @@ from ..options import argument, command, group, option
 from ..read_as import decided, show_decisions
 from .guided import facts_of, guide_over_ros
 from .law_options import LawChoice
-from .many_runs import Repeats, Ride, candidates, drive_many, ride, show_files, show_many
+from .many_runs import Repeats, candidates, drive_many, ride, show_files, show_many
 from .measured import lay_over, show_measured
 from .page import page_text
 from .ros_options import OverRos
@@ -90,11 +90,7 @@ def simulate(
 
 
 def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
-    """The named plant package, or the one of the workspace.
-
-    Raises:
-        ModelError: there is none.
-    """
+    """The named plant package, or the one of the workspace."""
     if plant is None and not place.plant_dir.exists():
         raise ModelError(
             f"no plant was exported to {place.plant_dir} yet; run `sysid export` first, or name "
@@ -116,6 +112,7 @@ def _driven(
 ) -> dict[str, Any]:
     """Once, or many times, and beside a measured drive; log, picture and bag to write are given."""
     from sysid.data.files import write_atomic
+    from sysid.robot.mission.simulator import simulate as drive
     from sysid.robot.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
@@ -129,7 +126,8 @@ def _driven(
     drawn = plot if how.measured is None else None
     given = ride(mission, package, models, single)
     runs = None
-    result = _drive(path, given)
+    with render.progress(f"Driving {path.name}"):
+        result = drive(given.mission, given.robot, given.noise_seed, given.known)
     if how.runs is None:
         facts = facts_of(path, given.mission, result, (log, drawn, bag), given.seed)
         facts["warnings"] = [*given.warnings, *_outside(package.plant(), result)]
@@ -167,13 +165,6 @@ def _named(package: "Package", place: Workspace) -> str | None:
     return None if package.where == str(place.plant_dir) else package.where
 
 
-def _drive(path: Path, given: Ride) -> "MissionResult":
-    from sysid.robot.mission.simulator import simulate
-
-    with render.progress(f"Driving {path.name}"):
-        return simulate(given.mission, given.robot, given.noise_seed, given.known)
-
-
 def _outside(plant: "Plant", result: "MissionResult") -> tuple[str, ...]:
     """Sentences for commands beyond what the plant was identified on."""
     import numpy as np
@@ -204,18 +195,9 @@ def _guided(
     result, notes = guide_over_ros(path, mission, package, over)
     facts = facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
     facts["page"] = place.missions_dir / f"{path.stem}.html"
-    write_atomic(
-        facts["page"],
-        page_text(
-            path,
-            mission,
-            package,
-            result,
-            None,
-            notes,
-            {"ros": True, "plant": _named(package, place), **asdict(laws)},
-        ),
-    )
+    options = {"ros": True, "plant": _named(package, place), **asdict(laws)}
+    text = page_text(path, mission, package, result, None, notes, options)
+    write_atomic(facts["page"], text)
     return facts
 
 

@@ -170,7 +170,6 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _margins(chosen: "GainSet") -> list[str]:
-    """Gain and phase margin of each axis."""
     return [
         f"{_or_any('× {:.2g}', m.gain)}, {_or_any('{:.0f}°', m.phase_deg)}"
         if m.stable

@@ -86,19 +86,18 @@ def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
 
     joint = {p["name"]: p for p in facts["joint"]["parameters"]}
     printed = any(p.published is not None for p in bench.parameters)
-    heads = ["constant", "value", "± std. error", "all at once", "± std. error", "unit"]
+    heads = ["constant", "value", "± 95 %", "all at once", "± 95 %", "unit"]
     rows = []
     for p in bench.parameters:
         both = joint.get(p.name, {})
         row: list[object] = [
-            p.name, p.value, render.number(p.std_error, 2), both.get("value"),
-            render.number(both.get("std_error"), 2), p.unit,
+            p.name, p.value, render.reach(p.std_error), both.get("value"),
+            render.reach(both.get("std_error")), p.unit,
         ]  # fmt: skip
-        rows.append(row + ([p.published] if printed else []) + [CONSTANTS[p.name][1]])
-    heads += ["thesis"] if printed else []
-    render.table([*heads, "meaning"], rows, title="Motor")
+        rows.append(row + ([p.published] if printed else []))
+    render.table(heads + (["thesis"] if printed else []), rows, title="Motor")
     for p in bench.parameters:
-        render.say(f"{p.name}: {p.reason}.")
+        render.say(f"{p.name}, {CONSTANTS[p.name][1]}: {p.reason}.")
     render.cautions(bench.notes)
     if facts["model"] is None:
         render.warn("! No model: J is not known.")

@@ -41,11 +41,7 @@ class Hung:
     )
 
     def made(self) -> "tuple[Hanging, float | None]":
-        """What hangs and the period's own error, as the library takes them.
-
-        Raises:
-            UsageError: a number cannot be.
-        """
+        """What hangs and the period's own error, as the library takes them."""
         from sysid.testbench.pendulum.inertia import Hanging
 
         given = changed(self)
@@ -138,21 +134,23 @@ def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
         rows = [_row(log) for log in facts["logs"]]
         render.table(_HEADINGS, rows, caption="s; counted: from passages through the middle")
     render.table(
-        ("", "value", "std. error", "unit"),
+        ("", "value", "± 95 %", "unit"),
         [
-            ("period", f"{study.period:.6g}", study.period_std_error, "s"),
-            ("period of small swings", f"{study.small_period:.6g}", study.small_std_error, "s"),
-            ("inertia, period as it is", study.inertia, study.std_error, "kg m²"),
-            ("inertia, amplitude taken out", study.corrected, study.corrected_std_error, "kg m²"),
+            ("period", f"{study.period:.6g}", render.reach(study.period_std_error), "s"),
+            ("period of small swings", f"{study.small_period:.6g}",
+             render.reach(study.small_std_error), "s"),
+            ("inertia, period as it is", study.inertia, render.reach(study.std_error), "kg m²"),
+            ("inertia, amplitude taken out", study.corrected,
+             render.reach(study.corrected_std_error), "kg m²"),
         ],
-    )
+    )  # fmt: skip
     named = {"period": study.period_std_error} | {
         n: h["std_error"] for n, h in facts["hanging"].items()
     }
     render.table(
-        ("quantity", "std. error", "dJ/dq", "moves J by [kg m²]"),
+        ("quantity", "± 95 %", "dJ/dq", "moves J by [kg m²]"),
         [
-            (name, named[name], facts["sensitivities"][name], part)
+            (name, render.reach(named[name]), facts["sensitivities"][name], render.reach(part, 3))
             for name, part in facts["contributions_kg_m2"].items()
         ],
     )
@@ -162,7 +160,7 @@ def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
     render.files(facts, plot="Picture")
 
 
-_HEADINGS = ("log", "period", "std. error", "counted", "T₀", "amplitude [°]", "damping", "periods")
+_HEADINGS = ("log", "period", "± 95 %", "counted", "T₀", "amplitude [°]", "damping", "periods")
 
 
 def _row(log: dict[str, Any]) -> tuple[object, ...]:
@@ -170,7 +168,7 @@ def _row(log: dict[str, Any]) -> tuple[object, ...]:
     return (
         log["name"],
         f"{log['period_s']:.6f}",
-        log["period_std_error"],
+        render.reach(log["period_std_error"]),
         f"{log['counted']['passages']['period_s']:.6f}",
         f"{log['small_swing_period_s']:.6f}",
         f"{swing['first']:.3g} … {swing['last']:.3g}",

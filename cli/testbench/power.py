@@ -77,9 +77,9 @@ def _show(bench: "PowerBench", facts: dict[str, Any]) -> None:
     measured = bench.supply()
     if measured:
         render.table(
-            ("vehicle.supply", "value", "std. error", "unit"),
+            ("vehicle.supply", "value", "± 95 %", "unit"),
             [
-                (k, m.value, m.std_error, _UNITS.get(k, "of full drive"))
+                (k, m.value, render.reach(m.std_error), _UNITS.get(k, "of full drive"))
                 for k, m in measured.items()
             ],
         )

@@ -28,11 +28,7 @@ _yaml = partial(targets.target, "FILE", new_folder=False, suffixes=targets.YAML)
 
 @dataclass(frozen=True)
 class Files:
-    """Files beside the logs: what is written, and where squares ended; None for none.
-
-    Raises:
-        UsageError: a place cannot be written to, or one of two options that go together is missing.
-    """
+    """Files beside the logs: what is written, and where squares ended; None for none."""
 
     output: Path | None = _yaml(
         "Write the vehicle as sections of a mission, or --mission with it (.yaml)."
@@ -73,11 +69,7 @@ class Torque:
     workspace: Path = reading.WORKSPACE
 
     def known(self) -> "KnownMotors | None":
-        """The motors; None where nothing was said.
-
-        Raises:
-            UsageError: both options are given, or one cannot be read.
-        """
+        """The motors; None where nothing was said."""
         from sysid.robot.calibration.dynamic_motors import (
             motors_of_model,
             read_motors,
@@ -135,8 +127,9 @@ def fit_vehicle(
     records, findings = read_vehicle_logs(logs or [], read, steps)
     holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
-    with render.progress("Fitting the vehicle"):
-        fitted = fit(records, holdout, given, motion, motors)
+    label = "Fitting the vehicle"
+    with render.stages(label, known=motion != "dynamic") as show:
+        fitted = fit(records, holdout, given, motion, motors, lambda share: show(label, share))
         judged = fitted.to_json()
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **judged}
     document["read_as"] = decided((*records, *holdout))
@@ -170,7 +163,6 @@ def _refuse_without(logs: list[Path]) -> None:
 
 
 def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
-    """What was written, by kind."""
     from sysid.robot.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
@@ -189,13 +181,12 @@ def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
 
 
 def _show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
-    """Print the result for a person."""
     show_decisions(document["read_as"])
     identifiable = [n for n in fitted.numbers if n.identifiable]
     render.table(
-        ("quantity", "value", "± standard error", "unit", "what it is"),
+        ("quantity", "value", "± 95 %", "unit", "what it is"),
         [
-            (n.name, _digits(n.value, n.std_error), f"{n.std_error:.2g}", n.unit, n.sentence)
+            (n.name, _digits(n.value, n.std_error), render.reach(n.std_error), n.unit, n.sentence)
             for n in identifiable
         ],
     )

@@ -87,9 +87,7 @@ def _traction(
     from sysid.vehicle.wheels.description import load_tracks
 
     body = TrackedVehicle() if vehicle is None else load_tracks(vehicle)
-    spread = None
-    if wheels is not None:
-        spread = Pressure(Distribution.WHEELS, body.centre, wheels)
+    spread = None if wheels is None else Pressure(Distribution.WHEELS, body.centre, wheels)
     return Traction(_soil(ground, vehicle, numbers), body, spread)
 
 
@@ -122,15 +120,18 @@ def _list(json: bool) -> None:
         )  # fmt: skip
         numbers = [_plus_minus(getattr(s, n) * k, std.get(n, 0.0) * k) for n, k in scales]
         rows.append([p.name, p.title, *numbers])
-    render.table(heads, rows, caption="sysid soil SOIL")
+    render.table(heads, rows, caption="± 95 %; one soil: sysid soil SOIL")
     for p in PRESETS:
         render.say(f"{p.name}: {p.soil.source}.", "dim")
 
 
 def _plus_minus(value: float, std: float | None) -> str:
-    """A number and its standard deviation with two digits; three of the number without one."""
+    """A number and half of its 95 % interval, two digits; three of the number without one."""
+    from sysid.estimation.assessment.delta_method import NORMAL
+
     if not std:
         return render.number(value, 3)
+    std *= NORMAL
     digits = max(0, 1 - math.floor(math.log10(std)))
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
@@ -220,7 +221,7 @@ def _show(assessment: "SoilAssessment", name: str) -> None:
         shown = "–" if q.value is None else _plus_minus(q.value * scale, std)
         why = q.reason or f"most of it from {q.driven_by}"
         rows.append([_WORDS[q.name], shown, unit, why])
-    render.table(("", "value ± std. deviation", "unit", "the uncertainty"), rows)
+    render.table(("", "value ± 95 %", "unit", "the uncertainty"), rows)
     render.table(
         ("slip", "thrust [N]", "drawbar pull [N]", "efficiency"),
         [

@@ -5,20 +5,18 @@ robot says; its clock ticks when the robot says something.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sysid.cosim.connection import BROKEN_OFF, Ended, Level, Port, Seen
 from sysid.cosim.connection import Asked as AskedOf
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
 from sysid.robot.mission.contracts import (
-    ROBOT_INPUTS,
-    ROBOT_OUTPUTS,
     Body,
     MotionInputs,
     NavigationInputs,
@@ -29,6 +27,7 @@ from sysid.robot.mission.loop import Loop, LoopState, Tick, Verdict
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.simulator import result_of, run, scene_of, shaper_of
 from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.robot_plant import TrackChannels
 from sysid.runners import floats
 from sysid.vehicle.kinematics import Real
 
@@ -38,18 +37,11 @@ process for a few seconds, hardly for ten."""
 
 
 @dataclass(frozen=True)
-class _Elsewhere:
+class _Elsewhere(TrackChannels):
     """The plant that stands in the other half: only its sample time is known here."""
 
     dt: float
     ground: Ground = field(default_factory=Ground)
-    inputs: tuple[Channel, ...] = ROBOT_INPUTS
-    outputs: tuple[Channel, ...] = ROBOT_OUTPUTS
-    input_range: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def u_offset(self) -> Array:
-        return np.zeros(2)
 
     def initial_state(self) -> Array:
         return np.zeros(0)
@@ -120,31 +112,11 @@ _SLACK = 1e-6
 """Two times that differ by less [s] are one."""
 
 
-@dataclass(frozen=True)
-class _GuidingLoop(Loop):
-    """A loop that says what it decides."""
-
-    port: Port | None = None
-    level: Level = Level.REFERENCES
-
-    def sample(
-        self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
-    ) -> tuple[LoopState, tuple[Real, ...]]:
-        """A sample of the loop; then a command, or the end, is sent to the robot."""
-        state, row = super().sample(state, tick, draws)
-        if self.port is None:
-            return state, row
-        if state.verdict != Verdict.GOES_ON:
-            self.port.send(Ended(Outcome[Verdict(int(state.verdict)).name].value))
-        elif tick.now:
-            self.port.send(self._asked(state))
-        return state, row
-
-    def _asked(self, state: LoopState) -> AskedOf:
-        if self.level is Level.PWM:
-            left, right = map(float, state.pwm)
-            return AskedOf(0.5 * (left + right), 0.5 * (right - left))
-        return AskedOf(float(state.references.speed), float(state.references.psi))
+def _asked(state: LoopState, level: Level) -> AskedOf:
+    if level is Level.PWM:
+        left, right = map(float, state.pwm)
+        return AskedOf(0.5 * (left + right), 0.5 * (right - left))
+    return AskedOf(float(state.references.speed), float(state.references.psi))
 
 
 def guide(
@@ -173,35 +145,36 @@ def guide(
         SilenceError: the robot says nothing any more.
         ModelError: it has broken off, or a law needs the plant and there is none.
     """
-    if known is None and needs_plant(mission):
+    control = mission.control
+    if known is None and (mission.limits_from_plant or control.uses_plant or control.compensate):
         raise ModelError("a law of the mission needs a model of the plant; name a `plant`")
-    dt = mission.control.period if known is None else known.dt
-    there = _Elsewhere(dt)
-    scene = scene_of(mission, there if known is None else known)
+    there = _Elsewhere(control.period if known is None else known.dt)
+    informed = there if known is None else known
+    scene = scene_of(mission, informed)
     heard = _Heard(scene, port, patience)
-    plain = Loop(
+    loop = Loop(
         guidance=mission.complete_guidance,
-        control=mission.control,
+        control=control,
         navigation=heard,
         motion=heard,
         plant=there,
         scene=scene._replace(sensors={}),
         timeout=mission.timeout,
         xp=floats,
-        shaper=shaper_of(mission, there if known is None else known),
+        shaper=shaper_of(mission, informed),
     )
-    parts = {f.name: getattr(plain, f.name) for f in fields(plain)}
-    loop = _GuidingLoop(**parts, port=port, level=level)
+
+    def say(state: LoopState, tick: Tick) -> None:
+        """A command, or the end, to the robot."""
+        if state.verdict != Verdict.GOES_ON:
+            port.send(Ended(Outcome[Verdict(int(state.verdict)).name].value))
+        elif tick.now:
+            port.send(_asked(state, level))
+
     try:
-        state, table = run(loop, 0, heard.ticks(mission.control.period))
+        state, table = run(loop, 0, heard.ticks(control.period), say)
     except BaseException:
         with contextlib.suppress(Exception):  # what is wrong is the first error, not this
             port.send(Ended(BROKEN_OFF))
         raise
     return result_of(mission, loop, state, table, heard.outcome)
-
-
-def needs_plant(mission: Mission) -> bool:
-    """Whether a law of guidance or control must know the identified plant."""
-    control = mission.control
-    return bool(mission.limits_from_plant or control.uses_plant or control.compensate)

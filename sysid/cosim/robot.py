@@ -7,8 +7,8 @@ too) is what the other half asks.
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sysid.cosim.connection import BROKEN_OFF, Asked, Ended, Level, Port, Seen, SilenceError
@@ -25,10 +25,9 @@ from sysid.robot.mission.contracts import (
     Scene,
     SteppablePlant,
 )
-from sysid.robot.mission.loop import STUCK, Loop, LoopState, Tick, plain_shaper, ticks
+from sysid.robot.mission.loop import STUCK, LoopState, Tick, plain_shaper, ticks
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.simulator import (
-    check_robot,
     closed_loop,
     result_of,
     run,
@@ -83,16 +82,20 @@ class _OtherHalf:
         self._heard = time.monotonic()
 
     def start(self, scene: Scene, xp: Any) -> int:
-        """Instants so far."""
         return 0
 
     def step(self, state: int, inputs: GuidanceInputs, dt: Real, xp: Any) -> tuple[int, References]:
-        """What is asked, and whether it is over."""
         self.stream(float(inputs.t), inputs.estimate)
         if self._pace.lock_step and self.outcome is None:
             self._take(self._port.receive(self._pace.patience))
         else:
-            self._take_all()
+            while (message := self._port.poll()) is not None:  # the last one counts
+                self._take(message)
+            if self.outcome is None and time.monotonic() - self._heard > self._pace.patience:
+                raise SilenceError(
+                    f"the robot received no reference for {self._pace.patience:g} s: check that "
+                    "the guiding node runs and publishes on the same topic"
+                )
         if self.outcome == BROKEN_OFF:
             raise ModelError("the other half of the mission was interrupted; start both again")
         speed, psi = self._rest if self._level is Level.PWM else self.asked
@@ -113,16 +116,6 @@ class _OtherHalf:
         if t > self._streamed_until:
             self._port.send(Seen(t, body))
             self._streamed_until = t
-
-    def _take_all(self) -> None:
-        """Everything that has come; the last of it counts."""
-        while (message := self._port.poll()) is not None:
-            self._take(message)
-        if self.outcome is None and time.monotonic() - self._heard > self._pace.patience:
-            raise SilenceError(
-                f"the robot received no reference for {self._pace.patience:g} s: check that the "
-                "guiding node runs and publishes on the same topic"
-            )
 
     def _take(self, message: object) -> None:
         self._heard = time.monotonic()
@@ -173,21 +166,6 @@ class _AskedPwm:
         return state, Command(asked.along / PWM_FULL_SCALE, asked.around / PWM_FULL_SCALE)
 
 
-@dataclass(frozen=True)
-class _RobotLoop(Loop):
-    """A loop that says where it is at every sample, not at control instants alone."""
-
-    half: _OtherHalf | None = None
-
-    def sample(
-        self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
-    ) -> tuple[LoopState, tuple[Real, ...]]:
-        state, row = super().sample(state, tick, draws)
-        if self.half is not None and not tick.now:
-            self.half.stream(tick.t, state.estimate)
-        return state, row
-
-
 def play_robot(
     mission: Mission,
     plant: SteppablePlant,
@@ -217,16 +195,19 @@ def play_robot(
         SilenceError: nothing is asked any more.
         ModelError: the other half has broken off or asks for no numbers; the plant is no robot.
     """
-    check_robot(mission, plant)
-    shaper = shaper_of(mission, plant)
-    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, shaper)
-    half = _OtherHalf(port, pace, level, float(plain.scene.start.psi))
-    parts = {f.name: getattr(plain, f.name) for f in fields(plain)} | {"guidance": half}
+    loop = closed_loop(mission, plant, scene_of(mission, plant), floats, shaper_of(mission, plant))
+    half = _OtherHalf(port, pace, level, float(loop.scene.start.psi))
+    loop = replace(loop, guidance=half)
     if level is Level.PWM:
-        parts |= {"control": _AskedPwm(half, mission.control.period), "shaper": plain_shaper}
-    loop, ending = _RobotLoop(**parts, half=half), BROKEN_OFF
+        loop = replace(loop, control=_AskedPwm(half, mission.control.period), shaper=plain_shaper)
+
+    def say(state: LoopState, tick: Tick) -> None:
+        if not tick.now:
+            half.stream(tick.t, state.estimate)
+
+    ending, clock = BROKEN_OFF, half.ticks(plant.dt, mission.control.period, wait)
     try:
-        state, table = run(loop, seed, half.ticks(plant.dt, mission.control.period, wait))
+        state, table = run(loop, seed, clock, say)
         result = result_of(mission, loop, state, table, half.outcome)
         ending = result.outcome.value
     finally:

@@ -108,7 +108,8 @@ BRAKES = word_set(
 """Words of a switch that is on where the drive is held or let go."""
 
 REFERENCES = SET_POINTS | {"hat", "sim", "stddev", "error", "err"}
-SUPPLIES = frozenset(("battery", "bat", "batt", "vbat", "supply", "akku", "batterie", "versorgung"))
+BATTERIES = frozenset(("battery", "bat", "batt", "vbat", "akku", "batterie"))
+SUPPLIES = BATTERIES | {"supply", "versorgung"}
 
 COMPOUND = 5
 """Letters from which a word is looked for at the end of a compound; shorter ones end too many."""
@@ -260,6 +261,11 @@ def may_drive(name: str, unit: str = "") -> bool:
 def is_ambient(name: str) -> bool:
     """Whether a name is of what surrounds the plant, a disturbance rather than an output."""
     return any(w in AMBIENT or w.startswith(("aussen", "außen", "umgebung")) for w in words(name))
+
+
+def is_battery(name: str) -> bool:
+    """Whether a supply is a battery by its name: its voltage is never commanded."""
+    return any(w in BATTERIES or w.startswith(("batter", "akku")) for w in words(name))
 
 
 def ends_in_speed(name: str, meant: Meaning) -> bool:

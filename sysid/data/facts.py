@@ -18,6 +18,7 @@ from sysid.data.checks.nonlinearity import (
     NonlinearityTest,
     nonlinearity_tests,
 )
+from sysid.data.checks.unused_columns import change_with_column
 from sysid.data.finding import Finding
 from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
@@ -173,15 +174,24 @@ class LogFacts:
 
     @cached_property
     def changes(self) -> tuple[Change, ...]:
-        """What changes within the log, by output: a gain or lags, at a time or all along."""
-        each = enumerate(self.processes)
-        seen = [change_within(self._unfiltered, j, fit) for j, fit in each if fit is not None]
-        return tuple(c for c in seen if c is not None and not self._by_region(c))
+        """What changes within the log, by output: a gain or lags, with an unused column or, if
+        none explains as much, at a time or all along."""
+        seen: list[Change] = []
+        for j, fit in enumerate(self.processes):
+            if fit is None:
+                continue
+            other = change_with_column(self._unfiltered, j, fit)
+            change = other or change_within(self._unfiltered, j, fit)
+            if change is not None and (other or not self._by_region(change)):
+                seen.append(change)
+        return tuple(seen)
 
     def _by_region(self, change: Change) -> bool:
-        """Whether another operating region of a nonlinear output may look like this change."""
+        """Whether a curve of a nonlinear output may look like this change: all along, or where
+        its other parts are visited."""
         share = self._bent(change.output)
-        return share > BENT or (share > 0.0 and regions_differ(self.sample, change.at))
+        elsewhere = not change.is_step or regions_differ(self.sample, change.at)
+        return share > BENT or (share > 0.0 and elsewhere)
 
     def _bent(self, output: str) -> float:
         """Share of the errors that a nonlinearity predicts; 0 where it is none, or a trace."""

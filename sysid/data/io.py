@@ -40,6 +40,7 @@ from sysid.data.reading.timing import (
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import common_step, require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
+from sysid.data.unused import with_unused
 from sysid.data.usable_rows import usable_rows, with_times
 from sysid.errors import DataError, UsageError
 
@@ -49,10 +50,8 @@ class LogFile:
     """One file as read: its experiments and what there is to say about the reading.
 
     Attributes:
-        path: the file.
         records: one experiment, or several where the file was split at gaps.
         findings: verdicts on time stamps, missing cells, units and ignored columns.
-        options: the options it was read with.
         origin: what was subtracted from its stamps [s] where they count from 1970; else 0.
     """
 
@@ -237,15 +236,15 @@ def _read(
         *derived,
         *grid.findings,
     )
-    signals_of_log = _Signals(read, rows.t, grid.dt, channels, rows.references, len(choice.pose))
     records = []
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
-        record = replace(_record(signals_of_log, segment), name=name, sha256=digest)
+        record = _record(read, rows.t, grid.dt, channels, rows.references, segment)
+        record = replace(record, name=name, sha256=digest)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
     number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
     said = decisions(table, choice, number, clock.t, rows.counted, records, findings, pose_units)
-    records = [replace(r, read_as=said) for r in records]
+    records = with_unused(table, choice, clock.t, [replace(r, read_as=said) for r in records])
     findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
@@ -289,8 +288,7 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
     Returns:
         the table, what is said about the joining, and the checksum of all bytes read.
     """
-    log = read_log_table(path, options)
-    table, findings, digest = log.table, log.findings, log.digest
+    table, findings, digest = read_log_table(path, options)
     other = companion(options.join, path)
     if other is not None:
         if is_bag(other):
@@ -381,48 +379,40 @@ def _reading_notes(
     return (*(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes), *led)
 
 
-@dataclass(frozen=True, eq=False)
-class _Signals:
-    """The usable rows of a file.
+def _record(
+    values: Array,
+    t: Array,
+    dt: float,
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
+    references: Mapping[str, Array],
+    segment: Segment,
+) -> Record:
+    """One experiment of a file, in SI units and at even instants.
 
-    Attributes:
-        values: inputs, outputs and pose in the file's units, (N, nu + ny + n_pose).
+    Args:
+        values: inputs and outputs in the file's units, then the pose in SI if any, (N, k).
         t: instants [s], (N,).
         dt: sample time [s].
         channels: of inputs and outputs.
-        led: set points by column name, (N,) each.
-        n_pose: columns of the pose.
+        references: set points by column name, (N,) each.
     """
-
-    values: Array
-    t: Array
-    dt: float
-    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
-    led: Mapping[str, Array]
-    n_pose: int
-
-
-def _record(signals: _Signals, segment: Segment) -> Record:
-    """One experiment of a file, in SI units and at even instants."""
     part = slice(segment.start, segment.stop)
-    (inputs, outputs), references = signals.channels, signals.led
+    inputs, outputs = channels
     nu, ny = len(inputs), len(outputs)
-    scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * signals.n_pose)
-    block = signals.values[part] * scale
-    u, rest = (
-        np.column_stack([block[:, :nu], *(x[part] for x in references.values())]),
-        block[:, nu:],
-    )
+    u = np.column_stack([values[part, :nu], *(x[part] for x in references.values())])
+    rest = values[part, nu:].copy()
+    u[:, :nu] *= [c.scale for c in inputs]
+    rest[:, :ny] *= [c.scale for c in outputs]
     if not segment.even:
-        u, rest = onto_grid(signals.t[part], signals.dt, u, rest)
+        u, rest = onto_grid(t[part], dt, u, rest)
     return Record(
         u=u[:, :nu],
         y=rest[:, :ny],
-        dt=signals.dt,
+        dt=dt,
         inputs=inputs,
         outputs=outputs,
-        pose=rest[:, ny:] if signals.n_pose else None,
-        t0=float(signals.t[segment.start]),
+        pose=rest[:, ny:] if rest.shape[1] > ny else None,
+        t0=float(t[segment.start]),
         references=u[:, nu:] if references else None,
         reference_names=tuple(references),
     )

@@ -89,9 +89,6 @@ def read_prepared(
 
     Args:
         dt: sample time [s] of a model or log that finer records are brought to.
-
-    Raises:
-        DataError, UsageError: a file cannot be read, or a step not be done.
     """
     files = read_files(paths, options)
     records = tuple(steps.apply(r) for file in files for r in file.records)

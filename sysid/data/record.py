@@ -13,7 +13,7 @@ from sysid.data.column_words import is_drive, is_wheel_speed
 from sysid.data.decision import Decision
 from sysid.data.schema import Null
 from sysid.errors import DataError
-from sysid.outside_text import name_of
+from sysid.outside_text import html_lines, html_table, name_of
 
 Array = Annotated[NDArray[np.float64], Null()]
 Index = NDArray[np.intp]
@@ -111,6 +111,9 @@ class Record:
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
         reference_names: their nr column names.
+        unused: columns that were chosen for nothing, (N, n), in the file's units, or None: what
+            seems to change with time may go with one of them.
+        unused_names: their names.
         since: what went before a piece of a longer record: seconds, and the integral of each
             output, (1 + ny,); None at the beginning of a record.
         read_as: what was decided when it was read, and how to decide otherwise.
@@ -133,6 +136,8 @@ class Record:
     weights: Array | None = None
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
+    unused: Array | None = None
+    unused_names: tuple[str, ...] = ()
     since: Array | None = None
     read_as: tuple[Decision, ...] = ()
     as_logged: "Record | None" = None
@@ -160,6 +165,9 @@ class Record:
                     f"{self.name}: {len(self.references)} samples of the reference, {len(self.y)} "
                     "of output"
                 )
+        if self.unused is not None:  # those of other samples are lost
+            same = len(self.unused) == len(self.y)
+            put(self, "unused", frozen(self.unused, len(self.unused_names)) if same else None)
         if not self.sha256:
             digest = hashlib.sha256(repr((self.u.shape, self.y.shape, self.dt)).encode())
             digest.update(self.u.tobytes())
@@ -246,6 +254,15 @@ class Record:
             return np.ones(len(self), dtype=bool)
         return np.asarray(np.all(self.weights == 1.0, axis=1))
 
+    def __repr__(self) -> str:
+        names = f"{', '.join(self.input_names)} → {', '.join(self.output_names)}"
+        return f"<Record {self.name}: {names}, {len(self)} samples, {self.dt:g} s>"
+
+    def _repr_html_(self) -> str:
+        signals = zip((*self.inputs, *self.outputs), np.hstack([self.u, self.y]).T, strict=True)
+        rows = [(c.name, c.unit, f"{min(x):.4g}", f"{max(x):.4g}") for c, x in signals]
+        return html_lines(repr(self)) + html_table(rows, ("channel", "unit", "least", "most"))
+
     def to_frame(self) -> Any:
         """A pandas ``DataFrame`` over time [s]: inputs, outputs and the pose, in the units here."""
         from pandas import DataFrame, Index
@@ -286,10 +303,17 @@ class Record:
 
         Args:
             taken: of outputs, pose and weights.
-            commanded: of inputs and references; as ``taken`` unless given.
+            commanded: of inputs, references and unused columns; as ``taken`` unless given.
         """
         led = commanded or taken
-        functions = {"u": led, "references": led, "y": taken, "pose": taken, "weights": taken}
+        functions = {
+            "u": led,
+            "references": led,
+            "unused": led,
+            "y": taken,
+            "pose": taken,
+            "weights": taken,
+        }
         held = {n: getattr(self, n) for n in functions}
         new: dict[str, Any] = {n: functions[n](x) for n, x in held.items() if x is not None}
         return replace(self, **new)

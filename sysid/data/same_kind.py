@@ -16,19 +16,14 @@ SAME_CLOCK = 0.01
 
 
 class Sampled(Protocol):
-    """What has channels and a sample time."""
+    """What has channels and a sample time [s]."""
 
     @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
-
+    def inputs(self) -> tuple[Channel, ...]: ...
     @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
-
+    def outputs(self) -> tuple[Channel, ...]: ...
     @property
-    def dt(self) -> float:
-        """Sample time [s]."""
+    def dt(self) -> float: ...
 
 
 def difference(record: Record, other: Sampled, called: str, unstated_fits: bool = False) -> str:
@@ -59,11 +54,7 @@ def difference(record: Record, other: Sampled, called: str, unstated_fits: bool 
 
 
 def require_same_kind(records: Sequence[Record], first: Record) -> None:
-    """Refuse records whose channels, units or sample time are not those of the first one.
-
-    Raises:
-        DataError: they are not.
-    """
+    """Refuse records whose channels, units or sample time are not those of the first one."""
     for record in records:
         if unlike := difference(record, first, first.name):
             raise DataError(unlike)
@@ -156,3 +147,13 @@ def common_step(
         for r in finer
     )
     return read, findings
+
+
+def with_validation(
+    records: Sequence[Record], validation: Sequence[Record]
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[Finding, ...]]:
+    """Both at the step of the coarsest record, and what was done, see ``common_step``."""
+    for record in validation:
+        require_same_kind([replace(record, dt=records[0].dt)], records[0])
+    together, resampled = common_step((*records, *validation))
+    return together[: len(records)], together[len(records) :], resampled

@@ -49,11 +49,7 @@ def crest_factor(u: Array) -> float:
 
 
 def write_schedule(schedule: Schedule, path: str | Path) -> Path:
-    """Write a schedule as CSV: ``t`` [s] and one column for each input, PWM in whole µs.
-
-    Raises:
-        DataError, UsageError: the file cannot be written; see ``write_atomic``.
-    """
+    """Write a schedule as CSV: ``t`` [s] and one column for each input, PWM in whole µs."""
     header = ",".join(("t", *(csv_text(c.name) for c in schedule.channels)))
     rows = (
         ",".join((f"{t:.9g}", *(str(int(v)) if v == int(v) else f"{v:.6g}" for v in row)))

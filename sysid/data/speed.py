@@ -30,6 +30,10 @@ SAMPLES = 20_000
 
 RISEN = 1.0 - np.exp(-1.0)
 """Part of the final value that a first-order plant reaches after one time constant."""
+AT_ONCE, SLOWER = 0.75, 4.0
+"""A response within so many samples is one only if it explains less behind a lag of so many."""
+ALIKE = 0.02
+"""Shares explained closer than this are as good."""
 TRUSTED = 0.4
 """A step response is believed if it explains this share of the output's variance."""
 
@@ -53,8 +57,10 @@ def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
             if j not in speeds:
                 step = _simplest_good(candidates, j)
                 samples = None if step is None else _rise(step[:, j, :] * spread)
-                if samples is not None and samples < 10:
-                    speeds[j] = Speed(name, samples * factor * dt, True)
+                if step is None or samples is None or samples >= 10:
+                    continue
+                known = samples >= AT_ONCE or not _slower_as_good(part, step, j)
+                speeds[j] = Speed(name, samples * factor * dt if known else None, True)
         factor *= 2
         current = [r.averaged(2) for r in current if len(r) >= 40]
     return tuple(speeds.get(j, Speed(n, None, False)) for j, n in enumerate(names))
@@ -77,7 +83,16 @@ def _simplest_good(candidates: list[tuple[Array, Array]], j: int) -> Array | Non
     best = max(float(explained[j]) for _, explained in candidates)
     if not best >= TRUSTED:  # nor where it is no number
         return None
-    return next(step for step, explained in candidates if explained[j] >= best - 0.02)
+    return next(step for step, explained in candidates if explained[j] >= best - ALIKE)
+
+
+def _slower_as_good(records: Sequence[Record], step: Array, j: int) -> bool:
+    """Whether a step response behind a lag explains output j as well: no input is fast enough."""
+    from scipy.signal import lfilter
+
+    a = np.exp(-1.0 / SLOWER)
+    late = _explained(records, lfilter([1.0 - a], [1.0, -a], step, axis=0))
+    return bool(late[j] >= _explained(records, step)[j] - ALIKE)
 
 
 def _explained(records: Sequence[Record], step: Array) -> Array:

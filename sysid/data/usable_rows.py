@@ -163,23 +163,21 @@ def _at_own_rates(
     held |= {s.stream.topic for s in streams if _is_written_at_changes(s)}
     measured = [s for s in streams if s.stream.topic not in held]
     step = None if measured else float(np.median(np.diff(t)))
-    rows = aligned(streams, held, step, table.where, measured)
+    t, shared, grid, _ = aligned(streams, held, step, table.where, measured)
     rates = ", ".join(
         f"{s.stream.topic} {_rate(s)}{' (held)' if s.stream.topic in held else ''}" for s in streams
     )
     text = (
         f"{table.where}: columns have rates of their own: {rates}; one row every "
-        f"{rows.grid.dt:.6g} s, the step of {rows.grid.topic or 'the rows'}."
+        f"{grid.dt:.6g} s, the step of {grid.topic or 'the rows'}."
     )
-    faster = [n for n in names if n not in held and n != rows.grid.topic]
+    faster = [n for n in names if n not in held and n != grid.topic]
     advice = f"Without it, {argument(outputs=faster)}, the rows are finer." if faster else ""
     note = Finding("own-rates", Severity.NOTE, text, advice, record=table.where)
-    source = Table(table.where, (), (), (), Rows(len(rows.t), rows.t))
-    references = {
-        n: c for n, c in rows.columns.items() if n not in names and float(np.ptp(c)) > 0.0
-    }
-    values = np.column_stack([rows.columns[n] for n in names])
-    return UsableRows(rows.t, values, references, source.place, (*findings, note))
+    source = Table(table.where, (), (), (), Rows(len(t), t))
+    references = {n: c for n, c in shared.items() if n not in names and float(np.ptp(c)) > 0.0}
+    values = np.column_stack([shared[n] for n in names])
+    return UsableRows(t, values, references, source.place, (*findings, note))
 
 
 def _is_written_at_changes(stream: Timed) -> bool:

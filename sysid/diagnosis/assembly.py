@@ -8,7 +8,12 @@ import numpy as np
 
 from sysid.data.inspection import inspect_records
 from sysid.diagnosis import findings
-from sysid.diagnosis.advise import experiment_between, experiment_on_ground, next_experiments
+from sysid.diagnosis.advise import (
+    experiment_between,
+    experiment_on_ground,
+    next_experiments,
+    stretch_of,
+)
 from sysid.diagnosis.augment import model_of
 from sysid.diagnosis.diagnosis import (
     OF_THE_LOG,
@@ -161,7 +166,9 @@ class _Assembly:
             before=old,
             after=new,
             residuals=tuple(r.verdict(name) for name, r in tests if r is not None),
-            description="; ".join(filter(None, (linear, self.description(bool(effects))))),
+            description="; ".join(
+                filter(None, ("" if self.shapes else linear, self.description(bool(effects))))
+            ),
             warnings=self.warnings(),
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
@@ -305,8 +312,8 @@ class _Assembly:
         ]
         vehicle = {e.id for e in ground_effects()}
         blind = [id for id, size in unseen.items() if size is None and id not in vehicle]
-        more = next_experiments(first, session.scales, blind) if first.is_robot_log or blind else ()
-        return (*experiments, *more)
+        stretch = stretch_of(base.search, base.model)
+        return (*experiments, *next_experiments(first, session.scales, blind, stretch))
 
     def warnings(self) -> tuple[str, ...]:
         """What a reader should know beside the effects."""

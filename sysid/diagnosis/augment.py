@@ -186,6 +186,7 @@ def model_of(
         effects_of(base, candidate),
         base.given,
         outputs=first.ny if first.ny != first.nu else 0,
+        later=search.later,
     )
     indices = parameter_indices(base, candidate)
     covariance = np.zeros((len(indices), len(indices)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -210,6 +211,7 @@ def _baseline(
 ) -> Base:
     """The baseline with a delay of at least so many samples."""
     estimation, linear = parts.estimation, None
+    later: tuple[int, ...] = ()
     first = estimation[0]
     scales = full_drive(estimation)
     if first.is_robot_log:
@@ -220,7 +222,9 @@ def _baseline(
         # a body that a force moves: friction would otherwise hide in a higher order
         order, delay = 1, 1
         if not on_rate:
-            linear, delay = _linear(parts.facts.without_repeats, least)
+            linear, delays = _linear(parts.facts.without_repeats, least)
+            delay = min(delays)
+            later = tuple(d - delay for d in delays) if len(set(delays)) > 1 else ()
             order = int(np.max(linear.structure.order_values()["nf"]))
             if _is_servo(first):
                 order = max(order, LEAST_OF_SERVO)
@@ -228,6 +232,11 @@ def _baseline(
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
         words = f"output error of order {order} with {_late(delay)}"
+        words += "".join(
+            f", {d} more from {c.name}"
+            for c, d in zip(first.inputs, later, strict=bool(later))
+            if d
+        )
         words += " and an offset" if level else ""
         words += f", the sum of {first.nu} inputs" * (first.nu > first.ny)
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
@@ -245,6 +254,7 @@ def _baseline(
         level,
         parts.weights,
         RULE.in_loop if in_loop else RULE.held_out,
+        later=later,
     )
     begun = starts(model, estimation, scales)
     if linear is not None:
@@ -432,12 +442,27 @@ def _late(delay: int) -> str:
     return "one sample of delay" if delay == 1 else f"{delay} samples of delay"
 
 
-def _linear(facts: LogFacts, least: int) -> tuple[Model, int]:
-    """The output-error model whose order the log asks for, and its delay in samples."""
+def _linear(facts: LogFacts, least: int) -> tuple[Model, tuple[int, ...]]:
+    """The output-error model whose order the log asks for, and its delay in samples: of each input
+    where several act on one output.
+
+    A delay that is read off a log that no linear model follows may be anything: one sample
+    competes.
+    """
+    first, nk = facts.records[0], chosen_delay(facts).nk
+    several = first.nu > first.ny == 1
+    every = np.broadcast_to(nk, (first.ny, first.nu))
+    delays = every[0] if several else np.max(every, keepdims=True)[0]
+    delays = np.maximum(delays, 1) if least else np.zeros_like(delays)
+    each = delays.tolist() if several else delays[:1].tolist()
+    tried = sorted(set(product(*({d, least} for d in each))))
+    grid = [
+        {"nb": n, "nf": n, "nk": [list(d)] if several else d[0]}
+        for d in tried
+        for n in range(1, LARGEST_ORDER + 1)
+    ]
     detrend = Detrend.means(facts.records)
-    nk = chosen_delay(facts).nk
-    delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
-    delay = max(delay, 1) if least else 0
-    grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
     ranking = select_structure(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
-    return ranking.entries[0].model, delay
+    model = ranking.entries[0].model
+    found = np.ravel(model.structure.order_values()["nk"]).astype(int).tolist()
+    return model, tuple(found if len(found) == len(delays) else found[:1] * len(delays))

@@ -264,7 +264,7 @@ class Diagnosis:
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
         path: proof on a mission's path, JSON-able, empty without one.
-        isolability: which effects the log could show and tell apart.
+        isolability: which effects the log could show and distinguish.
         against: what another model of the same channels makes of the held-out data, if one was
             given to compare with.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
@@ -315,6 +315,11 @@ class Diagnosis:
     def grown(self) -> bool:
         """Whether anything was added to the model: what is only seen in the samples is not."""
         return self.after is not self.before
+
+    def __repr__(self) -> str:
+        return (
+            f"<Diagnosis {self.verdict}: {', '.join(e.id for e in self.effects) or 'no effects'}>"
+        )
 
     def _repr_html_(self) -> str:
         rows = [(e.id, ", ".join(e.channels), e.sentence) for e in self.effects]

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import fit_baseline
+from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.rules.outside_catalogue import stand_in, swings
 from sysid.diagnosis.search.forward_selection import Progress
@@ -21,15 +21,15 @@ def or_on_first_order(
 ) -> SelectionResult:
     """What a search on the plain base has found, or on one of first order where that explains more.
 
-    Play and friction look like further poles, and a base with these poles leaves of them what no
-    law explains. Those effects are compared that no rule speaks against.
+    Play, friction, a fall that takes longer than a rise look like further poles, and a base with
+    these poles leaves of them what no law explains. Those effects are compared that no rule speaks
+    against.
     """
     session, selection = result.session, result.selection
-    moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
-    if session.base.search.model.order == 1 or not moves or not session.needs_explanation:
+    if session.base.search.model.order == 1 or session.required_ratio() == 0.0:
         return result
     kept, _ = confirmed(session, selection)
-    if kept.selected and not session.far_above_noise(kept):
+    if kept.selected and session.gap(kept).closed_percent >= VERDICT.nearly_all:
         return result
     try:
         base = fit_baseline(facts, holdout, chain_effects(), highest=1)

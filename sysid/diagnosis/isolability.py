@@ -1,4 +1,4 @@
-"""What a log can tell apart: the angles between the signatures of effects, before any is fitted.
+"""What a log can distinguish: the angles between the signatures of effects, before any is fitted.
 
 The signature of an effect is what it changes of the base's free run at a usual size, what the base
 could follow projected out (``search/screen.py``), in units of the noise. Its length says whether
@@ -27,7 +27,7 @@ from sysid.effects.catalogue import NOT_NAMED, about, chain_effects
 
 @dataclass(frozen=True)
 class OneEntry:
-    """Two effects that the log could not tell apart.
+    """Two effects that the log could not distinguish.
 
     Attributes:
         angle: between their signatures [deg].
@@ -48,7 +48,7 @@ class OneEntry:
 
 @dataclass(frozen=True, eq=False)
 class Isolability:
-    """What a log can tell apart.
+    """What a log can distinguish.
 
     Attributes:
         ids: effects, those that would show best first.

@@ -148,7 +148,7 @@ def _runs(base: Base, candidate: CandidateModel, whole: Sequence[Record]) -> tup
     of = {r.sha256: k for r, k in zip(search.holdout, search.logs.holdout, strict=True)}
     logs = [of.get(r.sha256, 0) for r in whole]
     data = prepare(
-        [base.driven(r) for r in whole], base.search.scales, base.search.delay, logs=logs
+        [base.driven(r) for r in whole], search.scales, search.delay, None, logs, search.later
     )
     q = search.in_phase(candidate.q, candidate.effects)
     return data.split(search.model.run(q[None], data)[0])

@@ -78,10 +78,11 @@ def as_logged(found: Diagnosis, neutral: Array) -> Diagnosis:
         for c, v in zip(inputs, neutral.tolist(), strict=True)
         if v
     )
+    before = _offset(found.before, neutral)
     return replace(
         found,
-        before=_offset(found.before, neutral),
-        after=_offset(found.after, neutral),
+        before=before,
+        after=_offset(found.after, neutral) if found.grown else before,
         traces=traces,
         base_words=f"{found.base_words}; counts {said}, where the output rests",
     )

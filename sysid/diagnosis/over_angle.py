@@ -13,7 +13,7 @@ WIDEST = 1.0 / 8.0
 """Bins are this part of the shortest wave: what a bin blurs is then 2 %."""
 
 FINER = 4
-"""Lines for each that the range of the angle tells apart: a wave between two loses 3 %."""
+"""Lines for each that the range of the angle distinguishes: a wave between two loses 3 %."""
 
 MOST_BINS = 2**20
 """A wheel that turns on and on is followed to so many bins; beyond, short waves are not seen."""

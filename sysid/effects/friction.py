@@ -186,7 +186,7 @@ EFFECTS = (
             "High speeds fall short, and settle faster than low ones.",
             "Steps at many levels.",
         ),
-        (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5)),),
+        (EffectParameter("drag", "1/speed", 0.0, 0.0, 20.0, (0.15, 0.5, 2.0)),),
         _drag,
         part=TorquePart.FRICTION,
         inverse=_against_drag,

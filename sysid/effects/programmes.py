@@ -1,8 +1,9 @@
 """Programmes of commands that show one kind of effect each, as shares of the largest command.
 
 A programme is a list of rows (time [s], left share, right share); each holds until the next. All
-begin with a second of rest, end at rest, and last at most two minutes. An effect names those that
-show it (``Hints.programmes``); one of another package may bring a programme of its own.
+begin with a second of rest, end at rest, and last at most two minutes; where a machine is slower
+than a robot all times are stretched. An effect names those that show it (``Hints.programmes``); one
+of another package may bring a programme of its own.
 """
 
 from collections.abc import Callable, Sequence
@@ -135,7 +136,7 @@ REPEAT = Programme(
     lambda: [*_TEST, *[(4.0, 0.5, 0.5), (4.0, -0.5, -0.5)] * 11, *_TEST],
 )
 HOT = Programme(
-    "drive hard for 40 s between two equal tests, then rest and test again.",
+    "drive hard for long between two equal tests, then rest and test again.",
     lambda: [*_TEST, *[(5.0, 1.0, 1.0), (5.0, -1.0, -1.0)] * 4, *_TEST, (40.0, 0.0, 0.0), *_TEST],
 )
 REVERSALS = Programme(
@@ -172,7 +173,7 @@ TURNS = Programme(
     ],
 )
 RESTS = Programme(
-    "rest for ten seconds between equal steps in both directions.",
+    "rest for long between equal steps in both directions.",
     lambda: [
         *(
             block

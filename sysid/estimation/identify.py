@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.criteria.table import known_name
 from sysid.data.facts import LogFacts
+from sysid.data.finding import Finding
 from sysid.data.inspection import MIN_SAMPLES, inspect_records
 from sysid.data.record import Record, names_of
 from sysid.data.same_kind import require_same_kind
@@ -56,13 +57,16 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Judged models, the winner first, why it is ahead, and what could not be fitted."""
+    """Judged models, the winner first, why it is ahead, what could not be fitted, and what the
+    checks of the estimation data found.
+    """
 
     assessments: tuple[Assessment, ...]
     reason: str
     failed: Mapping[str, str]
     estimation: tuple[Record, ...]
     validation: tuple[Record, ...]
+    findings: tuple[Finding, ...] = ()
 
 
 def identify(
@@ -139,7 +143,7 @@ def identify(
         for entry, criteria in contest.with_criteria(inside)
     )
     leads = valid_first(judged, contest.reason, request.criterion, names)
-    return Identification(*leads, contest.failed, inside, outside)
+    return Identification(*leads, contest.failed, inside, outside, tuple(findings))
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:

@@ -95,10 +95,6 @@ def package_files(
         formats: names of exporters. None writes the usual ones, and one of these that cannot write
             this model is left out: the model card says why.
         form: what is written beside the plant, and how.
-
-    Raises:
-        UsageError: a format does not exist.
-        ModelError: the model has no input, or cannot be written in a format that was asked for.
     """
     exporters = chosen(DEFAULT if formats is None else formats)
     name = name_of(name or model.structure.name)
@@ -122,11 +118,7 @@ def package_files(
 
 
 def form_of(described: Mapping[str, Any], where: str) -> Form:
-    """The form that a package was written in.
-
-    Raises:
-        ModelError: what plant.json says of it is damaged.
-    """
+    """The form that a package was written in."""
     raw = described.get(FORM, {})
     try:
         mission, double = raw.get("mission"), raw.get("double", True)

@@ -29,11 +29,7 @@ def names() -> tuple[str, ...]:
 
 
 def exporter(name: str) -> Exporter:
-    """The exporter of a format.
-
-    Raises:
-        UsageError: there is none of that name, or its package cannot be used.
-    """
+    """The exporter of a format."""
     if name in BUILT_IN:
         module, built_in = BUILT_IN[name].split(":")
         built: Exporter = getattr(import_module(f"sysid.export.{module}"), built_in)()
@@ -49,11 +45,7 @@ def exporter(name: str) -> Exporter:
 
 
 def chosen(formats: Sequence[str]) -> tuple[Exporter, ...]:
-    """The exporters of these formats, each once.
-
-    Raises:
-        UsageError: none is named, or one does not exist.
-    """
+    """The exporters of these formats, each once."""
     wanted = [f.strip().lower() for f in formats if f.strip()]
     if not wanted:
         raise UsageError(f"no format is named; choose from {', '.join(names())}")

@@ -88,7 +88,6 @@ class HoldOut:
 
     @property
     def samples(self) -> int:
-        """Samples to fit on."""
         return sum(len(r) for r in self.train)
 
     @property

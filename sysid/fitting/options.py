@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 
 from sysid.errors import UsageError
 from sysid.fitting.marquardt import Method
@@ -53,7 +52,12 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         for name, kind in (("focus", Focus), ("initial", Initial), ("method", Method)):
-            object.__setattr__(self, name, _member(kind, getattr(self, name), name))
+            given = getattr(self, name)
+            try:  # a script may give a member by its value
+                object.__setattr__(self, name, kind(given))
+            except ValueError:
+                known = ", ".join(str(m.value) for m in kind)
+                raise UsageError(f"`{name}` is one of {known}, got {given!r}") from None
 
     def limit(self, default: int = EVALUATIONS) -> int:
         """Evaluations of a search: what was asked for, else what is usual there."""
@@ -62,12 +66,3 @@ class FitOptions:
     def precision(self, default: float = TOLERANCE) -> float:
         """Tolerance of a search: what was asked for, else what is usual there."""
         return default if self.tolerance is None else self.tolerance
-
-
-def _member(kind: type[Enum], given: object, name: str) -> Enum:
-    """The member that a script may give by its value: ``"simulation"``."""
-    try:
-        return kind(given)
-    except ValueError:
-        known = ", ".join(str(m.value) for m in kind)
-        raise UsageError(f"`{name}` is one of {known}, got {given!r}") from None

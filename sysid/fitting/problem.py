@@ -77,7 +77,6 @@ class Allowed:
 
     @property
     def bounded(self) -> bool:
-        """Whether one has a bound."""
         return bool(np.isfinite([self.lower, self.upper]).any())
 
     def nearest(self, theta: Array) -> Array:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.noise import ROBUST
 from sysid.data.record import HARDLY, Array, Record
 from sysid.errors import DataError
 from sysid.fitting.problem import Problem, Wrapped
@@ -15,9 +16,6 @@ PAYS = 0.05
 """Share of the variance of estimates that Huber's loss must save: as much as it loses on Gaussian
 errors, and a standard error (1/√N of N independent errors) more, so that chance hardly ever takes
 these for errors of a heavier tail."""
-
-NORMAL = 1.4826
-"""Standard deviation of Gaussian errors over the median of their size."""
 
 NOTHING = 1e-9
 """Errors below this share of the largest are zero to rounding: a track at rest, exact data. They
@@ -47,7 +45,7 @@ def robust_scale(errors: Array, least: float = 0.0) -> float:
     floor = max(least, NOTHING * largest, 1e-300)
     if len(moving) <= FEW * len(size):
         return floor
-    return max(NORMAL * float(np.median(moving)), floor)
+    return max(ROBUST * float(np.median(moving)), floor)
 
 
 def huber_widths(problem: Problem, errors: Array) -> Array:
@@ -93,7 +91,6 @@ class Weighted(Wrapped):
     """A problem whose residuals are multiplied by √w; those of hardly any weight do not count.
 
     Args:
-        problem: the problem.
         weights: w of its residuals, (M,).
     """
 
@@ -103,15 +100,12 @@ class Weighted(Wrapped):
         self.counts = weights > HARDLY
 
     def residual(self, p: Array) -> Array:
-        """√w ε."""
         return self._root * self.problem.residual(p)
 
     def jacobian(self, p: Array) -> Array:
-        """√w ∂ε/∂p."""
         return self._root[:, None] * self.problem.jacobian(p)
 
     def initial_columns(self, p: Array) -> Array:
-        """√w ∂ε/∂(initial states)."""
         return self._root[:, None] * self.problem.initial_columns(p)
 
     def given(self, theta: Array) -> Problem:

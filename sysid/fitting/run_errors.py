@@ -72,7 +72,6 @@ class RunErrors(Problem):
         return e if bounded else diverged
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, (M, len(p))."""
         out = np.zeros((sum(self.lengths), len(p)))
         at = 0
         for columns, block in self._blocks(p):

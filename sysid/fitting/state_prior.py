@@ -38,7 +38,6 @@ class WatchedStates(Wrapped):
     """A problem that stops a descent whose states run away.
 
     Args:
-        problem: what is solved.
         size: ‖y‖ of its outputs, the largest free response that a state may have.
     """
 
@@ -64,7 +63,6 @@ class PriorStates(Wrapped):
     """A problem with one more residual a state: ``weight`` · x.
 
     Args:
-        problem: what is solved.
         weight: of each state, (n_initial,).
     """
 
@@ -75,11 +73,9 @@ class PriorStates(Wrapped):
         self.weight = weight
 
     def residual(self, p: Array) -> Array:
-        """Errors, then the states by their weights."""
         return np.concatenate([self.problem.residual(p), self.weight * p[len(self.index) :]])
 
     def jacobian(self, p: Array) -> Array:
-        """The problem's, above the weights."""
         n = len(self.index)
         rows = np.hstack([np.zeros((self.n_initial, n)), np.diag(self.weight)])
         return np.vstack([self.problem.jacobian(p), rows])

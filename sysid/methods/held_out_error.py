@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.noise import ROBUST
 from sysid.data.record import Array, Record
-from sysid.fitting.robust import NORMAL
 from sysid.structures.base import Structure
 from sysid.structures.motion import initial_state_window
 
@@ -54,7 +54,7 @@ def relative_error(errors: Array, measured: Array, robust: bool = False) -> floa
         return float("inf")
     with np.errstate(over="ignore", invalid="ignore"):
         if robust:
-            limit = OUTLYING * NORMAL * np.median(np.abs(errors), axis=0)
+            limit = OUTLYING * ROBUST * np.median(np.abs(errors), axis=0)
             errors = np.clip(errors, -limit, limit)
         square = np.sum(errors**2, axis=0)
     spread_square = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)

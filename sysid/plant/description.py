@@ -1,8 +1,7 @@
 """plant.json: the description of a plant, written and read."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,19 +30,13 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     Returns:
         JSON-able values; numbers that are not finite are None.
     """
-    channels = (*model.inputs, *model.outputs)
-    ranges = {c.name: [float(a), float(b)] for c, (a, b) in zip(channels, model.ranges)}  # noqa: B905 (a model may store no ranges)
+    names = (c.name for c in (*model.inputs, *model.outputs))
+    ranges = dict(zip(names, model.ranges.tolist(), strict=False))  # a model may store none
     core = {
         "kind": "core",
         **structure_to_json(model.structure),
         "parameters": [
-            {
-                "name": p.name,
-                "value": p.value,
-                "std_error": p.std_error,
-                "unit": p.unit,
-                "fixed": p.fixed,
-            }
+            {f.name: getattr(p, f.name) for f in fields(_StoredValue)}
             for p in model.parameter_table()
         ],
         "covariance": _lower_rows(model.covariance),
@@ -84,10 +77,8 @@ def _lower_rows(matrix: Array) -> list[str]:
 
 def _symmetric(rows: tuple[str, ...], n: int) -> Array:
     """Undo ``_lower_rows``; zeros where a package of an older version has no rows."""
-    if not rows:
-        return np.zeros((n, n))
     lower = np.zeros((n, n))
-    if len(rows) != n:
+    if rows and len(rows) != n:
         raise ValueError(f"its covariance has {len(rows)} rows for {n} parameters")
     for k, row in enumerate(rows):
         lower[k, : k + 1] = [float(v) for v in row.split()]
@@ -105,15 +96,8 @@ def _ground(model: Model) -> dict[str, Any]:
 
 def _fit(report: Mapping[str, Any]) -> dict[str, Any] | None:
     """The figures on validation data, on estimation data where there are none, and which."""
-    for part in ("validation", "estimation"):
-        if isinstance(report.get(part), Mapping):
-            return {"on": part, **report[part]}
-    return None
-
-
-def to_text(described: Mapping[str, Any]) -> str:
-    """The description as the text of plant.json."""
-    return json.dumps(described, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    parts = (p for p in ("validation", "estimation") if isinstance(report.get(p), Mapping))
+    return next(({"on": part, **report[part]} for part in parts), None)
 
 
 def from_text(text: bytes, where: str) -> dict[str, Any]:

@@ -10,18 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sysid.data import documents
 from sysid.data.unit_words import ratio
 from sysid.errors import ModelError
 from sysid.plant import description, selftest
 from sysid.plant.selftest import TOLERANCE
-from sysid.plant.storage import (
-    MARK,
-    Files,
-    names_in,
-    read_member,
-    read_members,
-    write_files,
-)
+from sysid.plant.storage import MARK, Files, names_in, read_member, read_members, write_files
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 from sysid.structures.physics import ground_effects
@@ -132,7 +126,7 @@ def assembled(
     covered = {selftest.NAME: selftest.to_csv(test, model).encode("utf-8"), **files}
     content = {**described, FILES: sorted(covered)}
     content[KEY] = content_hash(content, covered)
-    return {MARK: description.to_text(content).encode("utf-8"), CARD: card, **covered}
+    return {MARK: documents.text(content).encode("utf-8"), CARD: card, **covered}
 
 
 def content_hash(described: Mapping[str, Any], files: Mapping[str, bytes]) -> str:

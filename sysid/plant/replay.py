@@ -127,11 +127,7 @@ def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:
 
 
 def write_replay(result: Replay, path: str | Path) -> Path:
-    """Write t, inputs, measured and simulated outputs (``…_sim``) as CSV.
-
-    Raises:
-        DataError, UsageError: the file cannot be written.
-    """
+    """Write t, inputs, measured and simulated outputs (``…_sim``) as CSV."""
     record = result.record
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -122,7 +122,6 @@ class _Folder:
         )
 
     def read(self, name: str) -> bytes:
-        """One file; no link may lead out of the package."""
         place = self._path / name
         if not Path(os.path.realpath(place)).is_relative_to(os.path.realpath(self._path)):
             raise ModelError(f"{place} is a link that leads out of the package; export it again")
@@ -142,7 +141,6 @@ class _Zip:
         return self._names
 
     def read(self, name: str) -> bytes:
-        """One file, stored or deflated: other methods take memory before their first byte."""
         if self._archive.getinfo(name).compress_type not in _METHODS:
             raise zipfile.BadZipFile
         with self._archive.open(name) as member:

@@ -1,11 +1,13 @@
 """Pictures of the test bench: a motor's characteristics, its steps, and measured steady states."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.plots import write_picture
 from sysid.testbench.motor.characterise import MotorBench
@@ -28,6 +30,8 @@ THESIS_STEP = 3.0
 THESIS_LOAD = 0.017
 """Load of the second of them, at the output shaft [Nm]."""
 
+Outline = tuple[Array, Array]
+
 MOST_LINES = 5
 """Voltages with a characteristic of their own: as many as the thesis draws."""
 
@@ -42,18 +46,20 @@ def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePictu
     panels = [torque_speed_panel(c, voltages), current_torque_panel(c, voltages)]
     steady = [t for t in bench.tests if t.has("speed")]
     if steady:
-        panels += [steady_panel(c, steady, "speed"), steady_panel(c, steady, "current")]
+        panels += [steady_panel(bench, steady, "speed"), steady_panel(bench, steady, "current")]
     stalled = [t for t in bench.tests if t.kind is Kind.STALL and t.has("torque")]
-    panels += [stall_panel(c, stalled)] if stalled else []
+    panels += [stall_panel(bench, stalled)] if stalled else []
     for log in bench.drives[:1]:
         panels += drive_panels(c, log)
     if c.J > 0.0:
         volts = min(THESIS_STEP, max(voltages))
-        panels += [step_panel(c, volts, (0.0, load))]
+        panels += [step_panel(bench, volts, (0.0, load))]
     values = ", ".join(
         f"{n} {getattr(c, n):.4g}" for n in ("R", "Kem", "Kc", "f", "C0", "J") if getattr(c, n)
     )
-    return ResponsePicture("Motor on the bench", f"{values}, gear {c.gear:g} (SI)", tuple(panels))
+    return ResponsePicture(
+        "Motor on the bench", f"{values}, gear {c.gear:g} (SI); bands: 95 %", tuple(panels)
+    )
 
 
 def voltages_of(bench: MotorBench) -> tuple[float, ...]:
@@ -81,42 +87,77 @@ def current_torque_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:
     return Panel("current and torque", "torque [Nm]", "current [A]", lines)
 
 
-def step_panel(c: MotorConstants, voltage: float, loads: Sequence[float]) -> Panel:
+def _band(bench: MotorBench, x: Array, curve: Callable[[MotorConstants], Array]) -> Outline:
+    """The 95 % band of a curve by the constants' covariance C: ± 1.96 √(∂y/∂c C ∂y/∂cᵀ)."""
+    c, size = bench.constants, np.sqrt(np.diag(bench.covariance))
+    at = np.array([getattr(c, n) for n in bench.names])
+
+    def of(theta: Array) -> Array:
+        return curve(replace(c, **dict(zip(bench.names, theta.tolist(), strict=True))))
+
+    moves = np.array([of(at + e) - of(at - e) for e in np.diag(size)]) / 2.0
+    scale = np.where(size > 0.0, size, 1.0)
+    related = bench.covariance / np.outer(scale, scale)
+    reach = NORMAL * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", moves, related, moves), 0.0))
+    y = curve(c)
+    return np.append(x, x[::-1]), np.append(y - reach, (y + reach)[::-1])
+
+
+def step_panel(bench: MotorBench, voltage: float, loads: Sequence[float]) -> Panel:
     """Speed after a step from standstill, free and loaded (figures 6.3 and 6.4)."""
-    seconds = 6.0 * time_constant(c)
-    lines = []
+    seconds = 6.0 * time_constant(bench.constants)
+    lines, bands = [], []
     for load in loads:
-        t, speed, _ = step_response(c, voltage, load, seconds)
-        lines.append(Line(f"{load:g} Nm" if load else "free", t, speed))
-    return Panel(f"step to {voltage:g} V", "time [s]", "speed [rad/s]", tuple(lines))
+
+        def speed(c: MotorConstants, load: float = load) -> Array:
+            return step_response(c, voltage, load, seconds)[1]
+
+        t = step_response(bench.constants, voltage, load, seconds)[0]
+        lines.append(Line(f"{load:g} Nm" if load else "free", t, speed(bench.constants)))
+        bands.append(_band(bench, t, speed))
+    title = f"step to {voltage:g} V"
+    return Panel(title, "time [s]", "speed [rad/s]", tuple(lines), outlines=tuple(bands))
 
 
-def steady_panel(c: MotorConstants, tests: Sequence[SteadyTest], quantity: str) -> Panel:
+def steady_panel(bench: MotorBench, tests: Sequence[SteadyTest], quantity: str) -> Panel:
     """Steady states, measured and by the constants, against the voltage (figure 6.5)."""
-    lines: list[Line] = []
+    c, lines, bands = bench.constants, list[Line](), list[Outline]()
     for test in tests:
         applied = np.abs(test.motor_torque(c.gear)) * c.gear
         for load in np.unique(np.round(applied, 9)).tolist()[: MOST_LINES - len(lines) // 2]:
             rows = np.isclose(applied, load) & np.isfinite(test.of(quantity))
             if rows.any():
                 words = f"{load:.3g} Nm" if load else "free"
-                lines.append(Line(words, test.voltage[rows], test.of(quantity)[rows], dots=True))
-                lines.append(_modelled(c, test.voltage[rows], load, quantity, not lines[1:]))
+                v = test.voltage[rows]
+                dense = np.linspace(float(v.min()), float(v.max()), 50)
+
+                def modelled(c: MotorConstants, v: Array = dense, load: float = load) -> Array:
+                    return steady_state(c, v, load)[quantity == "current"]
+
+                lines.append(Line(words, v, test.of(quantity)[rows], dots=True))
+                lines.append(Line("constants" * (len(lines) == 1), dense, modelled(c), True))
+                bands.append(_band(bench, dense, modelled))
     unit = "rad/s" if quantity == "speed" else "A"
-    return Panel(f"steady {quantity}", "voltage [V]", f"{quantity} [{unit}]", tuple(lines))
+    up = f"{quantity} [{unit}]"
+    return Panel(f"steady {quantity}", "voltage [V]", up, tuple(lines), outlines=tuple(bands))
 
 
-def stall_panel(c: MotorConstants, tests: Sequence[SteadyTest]) -> Panel:
+def stall_panel(bench: MotorBench, tests: Sequence[SteadyTest]) -> Panel:
     """Torque of the output shaft at standstill, measured and by the constants."""
-    lines: list[Line] = []
+    c, lines, bands = bench.constants, list[Line](), list[Outline]()
     for test in tests[:MOST_LINES]:
         v = np.abs(test.voltage)
         measured = c.gear * np.abs(test.motor_torque(c.gear))
         dense = np.linspace(float(v.min()), float(v.max()), 50)
         lines.append(Line("measured" if not lines else "", v, measured, dots=True))
-        torque = c.gear * (c.Kc * dense / c.R - c.C0)
-        lines.append(Line("constants" if len(lines) == 1 else "", dense, torque, True))
-    return Panel("stall torque", "voltage [V]", "torque [Nm]", tuple(lines))
+
+        def torque(c: MotorConstants, v: Array = dense) -> Array:
+            return np.asarray(c.gear * (c.Kc * v / c.R - c.C0))
+
+        lines.append(Line("constants" if len(lines) == 1 else "", dense, torque(c), True))
+        bands.append(_band(bench, dense, torque))
+    title = "stall torque"
+    return Panel(title, "voltage [V]", "torque [Nm]", tuple(lines), outlines=tuple(bands))
 
 
 def drive_panels(c: MotorConstants, log: DriveLog) -> list[Panel]:
@@ -135,15 +176,6 @@ def drive_panels(c: MotorConstants, log: DriveLog) -> list[Panel]:
         )
         for name, unit, seen, computed in shown
     ]
-
-
-def _modelled(c: MotorConstants, voltage: Array, load: float, quantity: str, first: bool) -> Line:
-    """Steady states by the constants over a range of voltages; the first line names them all."""
-    dense = np.linspace(float(voltage.min()), float(voltage.max()), 50)
-    speed, current = steady_state(c, dense, load)
-    return Line(
-        "constants" if first else "", dense, speed if quantity == "speed" else current, True
-    )
 
 
 def draw_swing(path: Path, study: PendulumStudy) -> None:
@@ -179,12 +211,17 @@ def draw_swing(path: Path, study: PendulumStudy) -> None:
     shown = np.linspace(0.0, most, 60)
     law = np.array([study.small_period / small_swing_period(1.0, a / degrees) for a in shown])
     lines.append(Line("pendulum with T₀", shown, law, reference=True))
-    panels.append(Panel("each period", "amplitude [°]", "period [s]", tuple(lines)))
+    ends = law * (1.0 + NORMAL * study.small_std_error / study.small_period * np.array([[-1], [1]]))
+    band = np.append(shown, shown[::-1]), np.append(ends[0], ends[1][::-1])
+    panels.append(
+        Panel("each period", "amplitude [°]", "period [s]", tuple(lines), outlines=(band,))
+    )
     write_picture(
         path,
         ResponsePicture(
-            f"Inertia {study.corrected:.4f} ± {study.corrected_std_error:.2g} kg m²",
-            f"T₀ = {study.small_period:.5f} ± {study.small_std_error:.2g} s, mean period "
+            f"Inertia {study.corrected:.4f} ± {NORMAL * study.corrected_std_error:.2g} kg m²",
+            f"± and band 95 %; T₀ = {study.small_period:.5f} ± "
+            f"{NORMAL * study.small_std_error:.2g} s, mean period "
             f"{study.period:.5f} s at {degrees * study.amplitude:.3g}°",
             tuple(panels),
         ),
@@ -203,14 +240,23 @@ def draw_power(path: Path, bench: PowerBench) -> None:
         for b in bench.batteries[:3]
     ]
     for bridge in bench.bridges[:3]:
-        lines = []
+        lines, bands = [], []
         for name, d in bridge.directions().items():
             sign = 1.0 if name == "forward" else -1.0
             lines.append(Line(name, d.drive, d.answer, dots=True))
             shown = np.linspace(0.0, 1.0, 400)
-            lines.append(Line("_", sign * shown, sign * d.line(shown), reference=True))
+            line = sign * d.line(shown)
+            lines.append(Line("_", sign * shown, line, reference=True))
+            edge = d.gain * np.hypot(d.dead_band_std_error, d.jump_std_error)
+            reach = NORMAL * np.interp(shown, [d.dead_band, 1.0], [edge, d.at_full_std_error])
+            reach = np.where(line != 0.0, reach, 0.0)
+            x = sign * np.append(shown, shown[::-1])
+            bands.append((x, np.append(line - reach, (line + reach)[::-1])))
         title = f"bridge, {bridge.name} {bridge.side}".rstrip()
-        panels.append(Panel(title, "drive", f"{bridge.quantity} [{bridge.unit}]", tuple(lines)))
+        up = f"{bridge.quantity} [{bridge.unit}]"
+        panels.append(Panel(title, "drive", up, tuple(lines), outlines=tuple(bands)))
     columns = min(len(panels), 2)
     measured = ", ".join(f"{k} {m.value:.3g}" for k, m in bench.supply().items())
-    write_picture(path, ResponsePicture("Power supply", measured, tuple(panels), columns))
+    write_picture(
+        path, ResponsePicture("Power supply, bands 95 %", measured, tuple(panels), columns)
+    )

@@ -262,21 +262,26 @@ def _next(model: Model, u: Array, i: int, held: float, length: int) -> float:
 
 
 def ranking(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
-    """Fits of several models on one log, and fit against the number of parameters."""
+    """Fits of several models on one log, the best first, and fit against size and cost."""
     names = [c.name for c in shown[0].model.outputs]
-    made = [figures(s.model, records, "", None).fit_percent for s in shown]
+    made = {s.label: figures(s.model, records, "", None).fit_percent for s in shown}
+    shown = sorted(shown, key=lambda s: -float(np.mean([made[s.label][n] for n in names])))
+    fits = {n: np.array([made[s.label][n] for s in shown]) for n in names}
+
+    def over(x: Array) -> tuple[Curve, ...]:
+        return tuple(Curve(n, x, y, kind="dots", colour=k) for k, (n, y) in enumerate(fits.items()))
+
     places = np.arange(len(shown), dtype=np.float64)
-    rows = tuple(s.label for s in shown)
-    bars = tuple(
-        Curve(n, places, np.array([m[n] for m in made]), kind="dots", colour=k)
-        for k, n in enumerate(names)
-    )
     sizes = np.array([len(s.model.theta) for s in shown], dtype=np.float64)
-    pareto = tuple(
-        Curve(n, sizes, np.array([m[n] for m in made]), kind="dots", colour=k)
-        for k, n in enumerate(names)
+    rows = tuple(s.label for s in shown)
+    panels: Panels = (
+        Panel("ranking", "Fit in free run", "fit [%]", "", over(places), names=rows),
+        Panel("pareto", "Fit against size", "parameters", "fit [%]", over(sizes)),
     )
-    return (
-        Panel("ranking", "Fit in free run", "fit [%]", "", bars, names=rows),
-        Panel("pareto", "Fit against size", "parameters", "fit [%]", pareto),
-    )
+    cost = np.array([1e6 * (s.cost or np.nan) for s in shown])
+    if np.isfinite(cost).all():
+        panels += (
+            Panel("cost", "Fit against cost", "time of a step [µs]", "fit [%]", over(cost),
+                  log_x=True),
+        )  # fmt: skip
+    return panels

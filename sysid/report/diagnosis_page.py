@@ -114,7 +114,7 @@ def _what(diagnosis: Diagnosis) -> Iterator[Section]:
     yield Section("What is missing", text=none)
     for e in diagnosis.effects:
         title = f"{e.id}: {', '.join((e.stage, *e.channels))}"
-        text = (e.sentence, words.evidence_sentence(e), words.tie_sentence(e))
+        text = (words.plain_sentence(e), words.evidence_sentence(e), words.tie_sentence(e))
         yield Section(title, text=tuple(filter(None, text)), within=True)
     yield from _tried(diagnosis)
     shapes = [p for s in (*diagnosis.shapes, *diagnosis.curves) for p in panels.shape(s)]
@@ -130,7 +130,7 @@ def _what(diagnosis: Diagnosis) -> Iterator[Section]:
         said = tuple(p.sentence for p in diagnosis.isolability.pairs[:3])
         drawn = panels.isolability(diagnosis.isolability)
         if drawn:
-            yield Section("What this log can tell apart", drawn, said, within=True)
+            yield Section("What this log can distinguish", drawn, said, within=True)
 
 
 def _tried(diagnosis: Diagnosis) -> Iterator[Section]:
@@ -169,7 +169,7 @@ def _added(diagnosis: Diagnosis, before: str, after: str) -> Iterator[Section]:
         text=(said,),
         heads=("effect", "parameter", "value", "95 % interval", "relative", "unit"),
         rows=tuple(row for e in diagnosis.effects for row in _values(e)),
-        code=("\n".join(diagnosis.after.equations()),) if diagnosis.after.equations() else (),
+        code=words.equations(diagnosis),
     )
     moved = tuple(
         (m.name, _number(m.before, 5), _number(m.after, 5), _number(m.std_error, 2),
@@ -198,9 +198,11 @@ def _shrunk(diagnosis: Diagnosis) -> Iterator[Section]:
     grown, lines = diagnosis.grown, words.channel_lines(diagnosis)
     if grown:
         title = "How far the gap shrank"
+        parts = diagnosis.gap.parts if len(diagnosis.gap.parts) > 1 else {}
+        closed = ", ".join(f"{of} {words.percent(share)}" for of, share in parts.items())
         said = (
-            f"{words.gap_sentence(diagnosis)} The gap is RMSE² − noise floor²; the floor comes "
-            "from the data, not from the model."
+            "The gap is RMSE² − noise floor²; the floor comes from the data, not from the model."
+            + (f" Closed of it: {closed}." if closed else "")
         )
         heads: tuple[str, ...] = ("output", "RMSE before", "RMSE after", "noise floor",
                                   "fit before", "fit after", "gap closed", "unit")  # fmt: skip

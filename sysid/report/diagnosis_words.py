@@ -60,7 +60,7 @@ FAR_OFF = -100.0
 
 
 def headline(result: Diagnosis, ties: bool = True) -> str:
-    """The verdict in a few words, each name with those that the log cannot tell from it."""
+    """The verdict in a few words, each name with those that the log cannot distinguish from it."""
     if result.unfollowed:
         return result.unfollowed.partition(":")[0]
     names = [e for e in result.effects if e.id not in OF_THE_LOG]
@@ -81,7 +81,7 @@ def headline(result: Diagnosis, ties: bool = True) -> str:
 
 
 def _with_ties(named: NamedEffect) -> str:
-    """A name, with those that the log cannot tell from it."""
+    """A name, with those that the log cannot distinguish from it."""
     ties = ", ".join(named.indistinguishable)
     return f"{named.id} (or {ties})" if ties else named.id
 
@@ -180,6 +180,10 @@ def moved(result: Diagnosis) -> tuple[Moved, ...]:
     return tuple(lines)
 
 
+ALL = 99.9
+"""Share of the excess error closed [%] beyond which its interval has nothing more to say."""
+
+
 def gap_sentence(result: Diagnosis) -> str:
     """How much of the gap is closed."""
     low, high = result.gap.interval
@@ -194,9 +198,10 @@ def closed_sentence(result: Diagnosis) -> str:
     """How much of the excess error, that beyond the noise, is closed, and on which data."""
     low, high = result.gap.interval
     data = ", ".join(dict.fromkeys(t.record.name for t in held_out(result)))
+    digits = 1 if low >= 99.0 else 0
+    ends = f"{low:.{digits}f}–{high:.{digits}f} %" if low < ALL else f"above {ALL:g} %"
     return (
-        f"Closes {percent(result.gap.closed_percent)} of the excess error on {data} "
-        f"(95 %: {low:.0f}–{high:.0f} %)"
+        f"Closes {percent(result.gap.closed_percent)} of the excess error on {data} (95 %: {ends})"
     )
 
 
@@ -370,6 +375,17 @@ def evidence_sentence(effect: NamedEffect) -> str:
         return "Visible in the samples themselves; the model is unchanged."
     chance = p_words(effect.p_value) if effect.p_value < RULE.p else "too few blocks for a test"
     return f"{effect.fit_words} ΔBIC {_whole(effect.delta_bic)}, {chance}.".lstrip()
+
+
+def plain_sentence(effect: NamedEffect) -> str:
+    """What an effect is; its numbers stand in the table of the page."""
+    return re.sub(r" Here .*?\.(?= |$)", "", effect.sentence)
+
+
+def equations(result: Diagnosis) -> tuple[str, ...]:
+    """The augmented model's equations in one block, without the numbers of the effects."""
+    lines = [re.sub(r" with [\w-]+(\[[^]]*\])? = .*", "", e) for e in result.after.equations()]
+    return ("\n".join(lines),) if lines else ()
 
 
 def story(result: Diagnosis) -> str:

@@ -1,4 +1,4 @@
-"""What a log can tell apart, drawn: angles between the signatures of effects."""
+"""What a log can distinguish, drawn: angles between the signatures of effects."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ FAR = 90.0
 
 
 def draw_isolability(figure: "Figure", found: Isolability) -> None:
-    """A table of angles [deg]: dark where a log could tell two effects apart, crossed where not."""
+    """A table of angles [deg]: dark where a log could distinguish two effects, else crossed."""
     n = min(len(found.ids), MOST)
     figure.set_size_inches(style.WIDTH, 1.6 + 0.2 * n)
     axes: Any = figure.subplots()

@@ -56,6 +56,7 @@ def model_page(
     slow = quick and not model.structure.traits.linear
     orders = orders_text(model.structure.order_values())
     fitted = ", ".join(s.name for s in model.provenance.data)
+    warnings = tuple(report.get("warnings") or model.warnings)
     words = [
         ("fit", "Measured and simulated"),
         *(() if slow else (("horizon", "Fit against steps ahead"), ("step", "Step response"))),
@@ -65,19 +66,19 @@ def model_page(
         *(() if slow or model.structure.traits.linear else (("curve", "Outputs at rest"),)),
     ]
     sections = [
-        Section("Checks of the log", text=tuple(_findings(findings))) if findings else None,
+        Section("Checks of the log", text=tuple(_findings(findings, warnings))),
         *(_section(title, word, shown, records) for word, title in words),
         None if residuals is None else Section("Residual tests", residual_panels(residuals, model)),
         Section("Residuals against input and output", _against(model, records)),
         _parameters(model),
         _complexity(report),
-        Section(
-            "Warnings",
-            text=tuple(report.get("warnings") or model.warnings) or ("None.",),
-        ),
+        Section("Warnings", text=warnings or ("None.",)),
         Section(
             "Where it comes from",
-            text=(f"Fitted to {fitted}; shown on {data}.",),
+            text=(
+                f"Fitted to {fitted}; shown on {data}. sysid {model.provenance.version}.",
+                *(f"{s.name}: SHA-256 {s.sha256}" for s in model.provenance.data),
+            ),
             code=(*([command] if command else []), *model.equations()),
         ),
     ]
@@ -136,8 +137,8 @@ def verdict(model: Model, report: Mapping[str, Any]) -> list[Check]:
         checks.append(("note", "The log shows a nonlinear response: see the warnings."))
     unsure = [p for p in model.parameter_table() if _holds_zero(p.value, p.std_error)]
     if unsure:
-        checks.append(("note", f"{len(unsure)} of {len(model.theta)} parameters have an interval "
-                               "that holds zero: fewer would do."))  # fmt: skip
+        checks.append(("note", f"Intervals that hold zero: {len(unsure)} of {len(model.theta)} "
+                               "parameters; fewer would do."))  # fmt: skip
     if not model.stable:
         checks.append(("bad", "Its free run does not settle: not for long simulations."))
     if len(model.ranges):
@@ -156,9 +157,14 @@ def _holds_zero(value: float, std_error: float) -> bool:
     return bool(0.0 < std_error < np.inf and abs(value) <= NORMAL * std_error)
 
 
-def _findings(findings: Sequence[Finding]) -> list[str]:
-    told = [f for f in findings if f.severity >= Severity.NOTE]
-    return [f"{f.severity.word}: {f.text}" for f in told] or ["Nothing to complain of."]
+def _findings(findings: Sequence[Finding], warnings: Sequence[str]) -> list[str]:
+    """What checks complained of, but for what stands among the warnings, and how many passed."""
+    worth = [f for f in findings if f.severity >= Severity.NOTE]
+    lines = [f"{f.severity.word}: {f.text}" for f in worth if f.text not in warnings]
+    if len(lines) < len(worth):
+        lines.append(f"{len(worth) - len(lines)} more: see the warnings.")
+    passed = len(findings) - len(worth)
+    return [*lines, *([f"ok: {passed} checks."] if passed else [])]
 
 
 def _against(model: Model, records: Sequence[Record]) -> Panels:
@@ -222,7 +228,7 @@ def _parameters(model: Model) -> Section:
 
 
 def _tied(model: Model) -> list[str]:
-    """Pairs of parameters that the data hardly tell apart, the closest first."""
+    """Pairs of parameters that the data hardly distinguish, the closest first."""
     p = np.asarray(model.covariance)
     error = np.sqrt(np.maximum(np.diag(p), 0.0))
     with np.errstate(all="ignore"):
@@ -243,6 +249,7 @@ def _complexity(report: Mapping[str, Any]) -> Section | None:
     tried = [c for c in search.get("candidates") or () if c.get("score") is not None]
     if len(tried) < 2:
         return None
+    criterion = str(search.get("criterion", "fit"))
     best = Curve("taken", np.array([float(tried[0]["n"])]), np.array([float(tried[0]["score"])]),
                  kind="marks", colour=1)  # fmt: skip
     others = Curve(
@@ -252,9 +259,13 @@ def _complexity(report: Mapping[str, Any]) -> Section | None:
         kind="dots",
     )
     panel = Panel("complexity", f"Orders tried ({len(tried)} best)", "parameters",
-                  f"{search.get('criterion', 'fit')} on held-out data (smaller is better)",
+                  f"{_SCORES.get(criterion, criterion)} (least is best)",
                   (others, best))  # fmt: skip
     return Section("Fit against complexity", (panel,))
+
+
+_SCORES = {"fit": "held-out error"}
+"""What the score of a criterion is called where its name says something else."""
 
 
 def comparison_page(

@@ -81,6 +81,7 @@ class Page:
         text = place.get_template("page.html.j2").render(
             page=self, svg=svg, instants=instants, beside=beside
         )
+        text = re.sub("ω\N{COMBINING DOT ABOVE}(_\\w+)?", r"dω\1/dt", text)  # few fonts have it
         return re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
 
 

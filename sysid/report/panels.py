@@ -124,10 +124,11 @@ class PanelPicture:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A model and what to call it."""
+    """A model, what to call it, and the processor time of one of its steps [s] where known."""
 
     label: str
     model: Model
+    cost: float | None = None
 
 
 Panels = tuple[Panel, ...]

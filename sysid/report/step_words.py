@@ -86,21 +86,29 @@ def _cells(r: StepResponse, with_unit: bool, plain: bool) -> tuple[str, str, str
         return head, "does not settle", "", ""
     unit, factor = (r.file_unit, r.file_factor) if r.file_unit else (r.unit, 1.0)
     gain = Estimate(factor * r.gain.value, factor * r.gain.std_error)
-    word = f"{with_interval(gain)}{'' if gain.clear else UNSURE}{f' {unit}' if with_unit else ''}"
+    word = f"{_marked(gain)}{f' {unit}' if with_unit else ''}"
     second = "" if plain else " s"
+    if math.isinf(gain.std_error):
+        return head, "not determined", "", ""
     if r.share is not None and math.isfinite(r.rise.value):
         times = f"63 % after {_seconds(r.rise)}"
     elif r.oscillation is not None:
         frequency, damping = map(with_interval, r.oscillation)
         times = f"{frequency} rad/s, damping {damping}"
     else:
-        shown = [f"{with_interval(t)}{'' if t.clear else UNSURE}" for t in r.time_constants]
+        shown = list(dict.fromkeys(map(_marked, r.time_constants)))
         times = f"{', '.join(shown)}{second}" if shown else ""
     if math.isfinite(r.dead_time) and r.dead_time > 0.0:
         times = f"{times}; dead time {_dead(r)}{second}".lstrip("; ")
     known = math.isfinite(r.settling.value) and gain.clear
     settling = f"{r.settling.value:.3g} s" if known else "–"
     return head, f"integrates: {word}" if r.integrates else word, times, settling
+
+
+def _marked(estimate: Estimate) -> str:
+    """A number with its interval, and the mark of one whose interval holds zero."""
+    unsure = not estimate.clear and math.isfinite(estimate.std_error)
+    return f"{with_interval(estimate)}{UNSURE if unsure else ''}"
 
 
 def _dead(r: StepResponse) -> str:

@@ -31,8 +31,11 @@ MARGIN = 0.06
 MARK = 24.0
 """Room of the mark that enlarges a panel [px]."""
 
-LETTER = 6.3
+LETTER = 6.9
 """Mean width of a letter of 11 px [px]."""
+
+LEGEND = 14.0
+"""Height of a row of names below a panel, where they have no room beside the axis' name [px]."""
 
 
 class _Axis:
@@ -94,9 +97,10 @@ def svg(panel: Panel) -> str:
     inside = f'<svg x="{x0}" y="{y0}" width="{wide}" height="{tall}" viewBox="{box}">'
     parts = [_frame(panel, across, down, left, height), inside, *curves, moving, "</svg>"]
     label = html.escape(printable(f"{panel.title}: {panel.y} over {panel.x}"))
+    names, height = _names(panel, left, height)
     return (
         f'<svg class="panel" viewBox="0 0 {WIDTH:g} {height:g}" role="img" aria-label="{label}">'
-        f"{''.join(parts)}{_names(panel, left)}</svg>"
+        f"{''.join(parts)}{names}</svg>"
     )
 
 
@@ -198,18 +202,28 @@ def _frame(panel: Panel, across: _Axis, down: _Axis, left: float, height: float)
     return "".join(parts)
 
 
-def _names(panel: Panel, left: float) -> str:
-    """The title; the curves' names in their colours on the line of the axis' name."""
+def _names(panel: Panel, left: float, height: float) -> tuple[str, float]:
+    """The title; the curves' names in their colours, and the height with them: on the line of the
+    axis' name, below the panel where they have no room there.
+    """
     parts = [_text(2.0, 12.0, _cut(panel.title, WIDTH - MARK), "start", "title")]
     named = {c.label: c for c in reversed(panel.curves) if c.label}
+    named = named if len(named) > 1 else {}
     right = WIDTH - RIGHT
-    for label, c in named.items() if len(named) > 1 else ():
-        words = label if len(label) < 22 else f"{label[:20]}…"
-        parts.append(_text(right, TOP - 7.0, words, "end", f"name c{_series(c.colour)}"))
-        right -= LETTER * len(words) + 12.0
+    below = sum(LETTER * len(label) + 12.0 for label in named) > right - left
+    x = 2.0 if below else right
+    height += LEGEND * below
+    for label, c in reversed(named.items()) if below else named.items():
+        kind, wide = f"name c{_series(c.colour)}", LETTER * len(label)
+        if below and x > 2.0 and x + wide > right:
+            x, height = 2.0, height + LEGEND
+        at = height - 4.0 if below else TOP - 7.0
+        parts.append(_text(x, at, _cut(label, right), "start" if below else "end", kind))
+        x += (wide + 12.0) * (1 if below else -1)
     if not panel.names:
-        parts.append(_text(left, TOP - 7.0, _cut(panel.y, right - left), "start", "tick"))
-    return "".join(parts)
+        room = (right if below else x) - left
+        parts.append(_text(left, TOP - 7.0, _cut(panel.y, room), "start", "tick"))
+    return "".join(parts), height
 
 
 def _cut(words: str, room: float) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.plots import write_picture
 from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
@@ -192,12 +193,13 @@ _FARTHEST = 3.0
 def draw_soil(path: Path, name: str, assessment: SoilAssessment) -> None:
     """Draw what a soil does to a vehicle."""
     traction = assessment.traction
+    even = () if traction.spread().distribution == "uniform" else (_pressure(traction),)
     write_picture(
         path,
         ResponsePicture(
             f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
-            "bands: one standard deviation of the soil's numbers" if traction.soil.std else "",
-            (_shear(traction), _pressure(traction), _pull(assessment), _turning(assessment)),
+            "bands: 95 %" if traction.soil.std else "",
+            (_shear(traction), *even, _pull(assessment), _turning(assessment)),
             columns=2,
         ),
     )
@@ -208,7 +210,7 @@ def _shear(traction: Traction) -> Panel:
     mean = float(traction.load()) / (v.contact_length * v.track_width)
     j = np.linspace(0.0, 6.0 * soil.shear_modulus, 200)
     words = {
-        Shear.JANOSI: "loose sand, clay, snow (2.28)",
+        Shear.JANOSI: "sand, clay, snow (2.28)",
         Shear.HUMP: "muskeg (2.29)",
         Shear.RESIDUAL: "compact sand, loam (2.30)",
     }
@@ -216,8 +218,8 @@ def _shear(traction: Traction) -> Panel:
     for law, said in words.items():
         residual = soil.residual if soil.shear is law else _RESIDUAL
         ground = replace(soil, shear=law, residual=residual)
-        label = ": this soil" if soil.shear is law else ""
-        lines.append(Line(said + label, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
+        label = "this: " if soil.shear is law else ""
+        lines.append(Line(label + said, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
     title = f"Shear stress under the mean pressure, {mean / 1e3:.2g} kPa"
     return Panel(title, "shear displacement [mm]", "shear stress [kPa]", tuple(lines))
 
@@ -245,7 +247,7 @@ def _pull(assessment: SoilAssessment) -> Panel:
     pull = traction.drawbar_pull(slips)
     at = np.array([0.0, *(p.slip for p in assessment.pulls)])
     spread = np.array([0.0, *(p.pull.std_error or 0.0 for p in assessment.pulls)])
-    band = np.interp(slips, at, spread)
+    band = NORMAL * np.interp(slips, at, spread)
     outline = (np.append(slips, slips[::-1]), np.append(pull - band, (pull + band)[::-1]))
     return Panel(
         "Drawbar pull against slip",
@@ -271,7 +273,7 @@ def _turning(assessment: SoilAssessment) -> Panel:
     at = np.array([k for k in known if None not in k and k[0] <= _FARTHEST], dtype=np.float64)
     bands = []
     if len(at) > 1:
-        band, m = np.interp(radii, at[:, 0], at[:, 2]), np.array(moments)
+        band, m = NORMAL * np.interp(radii, at[:, 0], at[:, 2]), np.array(moments)
         r, low, high = (v[np.isfinite(m)] for v in (radii, m - band, m + band))
         bands.append((np.append(r, r[::-1]), np.append(low, high[::-1])))
     return Panel(

@@ -8,6 +8,7 @@ here (the same on every processor, to the last bit); everything else, and every 
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,24 +26,32 @@ def __getattr__(name: str) -> Any:
     return getattr(np, name)
 
 
-def sin(x: Any) -> Any:
-    """sin x."""
-    return math.sin(x) if type(x) is float else np.sin(x)
+def _of_one(plain: Callable[[float], Any], whole: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def of(x: Any) -> Any:
+        """By ``math`` of a plain number, by NumPy of anything else."""
+        return plain(x) if type(x) is float else whole(x)
+
+    return of
 
 
-def cos(x: Any) -> Any:
-    """cos x."""
-    return math.cos(x) if type(x) is float else np.cos(x)
+def _of_two(
+    plain: Callable[[float, float], float], whole: Callable[[Any, Any], Any]
+) -> Callable[[Any, Any], Any]:
+    def of(x: Any, y: Any) -> Any:
+        """By ``math`` of plain numbers, by NumPy of anything else."""
+        return plain(x, y) if type(x) is float and type(y) is float else whole(x, y)
+
+    return of
 
 
-def tan(x: Any) -> Any:
-    """tan x."""
-    return math.tan(x) if type(x) is float else np.tan(x)
-
-
-def tanh(x: Any) -> Any:
-    """tanh x."""
-    return math.tanh(x) if type(x) is float else np.tanh(x)
+sin = _of_one(math.sin, np.sin)
+cos = _of_one(math.cos, np.cos)
+tan = _of_one(math.tan, np.tan)
+tanh = _of_one(math.tanh, np.tanh)
+abs = _of_one(math.fabs, np.abs)
+isnan = _of_one(math.isnan, np.isnan)
+hypot = _of_two(math.hypot, np.hypot)
+arctan2 = _of_two(math.atan2, np.arctan2)
 
 
 def exp(x: Any) -> Any:
@@ -53,11 +62,6 @@ def exp(x: Any) -> Any:
 def expm1(x: Any) -> Any:
     """eˣ − 1, without loss of digits at 0; infinite where it is too large for a number."""
     return math.expm1(x) if type(x) is float and x < _LARGEST_EXPONENT else np.expm1(x)
-
-
-def abs(x: Any) -> Any:
-    """|x|."""
-    return math.fabs(x) if type(x) is float else np.abs(x)
 
 
 def sign(x: Any) -> Any:
@@ -77,24 +81,9 @@ def floor(x: Any) -> Any:
     return float(math.floor(x)) if type(x) is float else np.floor(x)
 
 
-def isnan(x: Any) -> Any:
-    """Whether ``x`` is no number."""
-    return math.isnan(x) if type(x) is float else np.isnan(x)
-
-
 def logical_not(x: Any) -> Any:
     """The contrary of a truth value."""
     return not x if type(x) is bool else np.logical_not(x)
-
-
-def hypot(x: Any, y: Any) -> Any:
-    """√(x² + y²)."""
-    return math.hypot(x, y) if type(x) is float and type(y) is float else np.hypot(x, y)
-
-
-def arctan2(y: Any, x: Any) -> Any:
-    """The angle of the point (x, y)."""
-    return math.atan2(y, x) if type(x) is float and type(y) is float else np.arctan2(y, x)
 
 
 def minimum(a: Any, b: Any) -> Any:

@@ -54,9 +54,9 @@ class Structure(ABC):
     def n_states(self, theta: Array) -> int:
         """Number of states of the free run."""
 
-    @abstractmethod
     def first_sample(self) -> int:
         """First sample whose one-step prediction needs no value before the record."""
+        return 0
 
     @abstractmethod
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
@@ -78,17 +78,18 @@ class Structure(ABC):
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State x0 (n_states,) that meets the first ``samples`` of y best in free run."""
 
-    @abstractmethod
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """One-step prediction errors (N, ny).
+        """One-step prediction errors (N, ny): those of the free run where there is no noise model.
 
         Initial states come from the first ``window`` samples; samples that need values before
         the record are NaN.
         """
+        x0 = self.fitted_state(theta, u, y, window) if window else None
+        return y - self.simulate(theta, u, x0)
 
-    @abstractmethod
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
         """k-step-ahead predictions (N, ny), NaN where values before the record are needed."""
+        return y - self.errors(theta, u, y, window)
 
     @abstractmethod
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:

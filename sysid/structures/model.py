@@ -161,7 +161,6 @@ class Model:
     determined: Determined | None = None
 
     def __post_init__(self) -> None:
-        """Refuse parts that do not fit each other."""
         n, nu, ny = len(self.theta), len(self.inputs), len(self.outputs)
         errors = (self.operating_point.u_error, self.operating_point.y_error)
         fitting = (
@@ -199,7 +198,6 @@ class Model:
 
     @property
     def stable(self) -> bool:
-        """Whether the free run is bounded for bounded inputs."""
         return self.structure.stable(self.theta)
 
     def tried(self) -> "Model":

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.outside_text import html_lines, html_table
+from sysid.structures.orders import orders_text
 
 if TYPE_CHECKING:
     from sysid.structures.model import Model
@@ -18,24 +19,19 @@ HEADS = ("parameter", "value", "std. error", "95 % interval", "unit", "")
 
 def line(model: "Model") -> str:
     """``<Model oe nb=2 nf=2 nk=1: u → y, 0.1 s, 4 parameters>``."""
-    orders = _orders(model)
+    orders = orders_text(model.structure.order_values())
     inputs, outputs = (", ".join(c.name for c in side) for side in (model.inputs, model.outputs))
     path = f"{inputs} → {outputs}" if inputs else outputs
     name = f"{model.structure.name} {orders}".rstrip()
     return f"<Model {name}: {path}, {model.dt:g} s, {len(model.theta)} parameters>"
 
 
-def _orders(model: "Model") -> str:
-    from sysid.structures.orders import orders_text
-
-    return orders_text(model.structure.order_values())
-
-
 def _facts(model: "Model") -> list[tuple[str, str]]:
     data = ", ".join(f"{s.name} ({s.samples} samples)" for s in model.provenance.data)
     criteria = ", ".join(f"{k.upper()} {v:.6g}" for k, v in model.criteria.items())
+    orders = orders_text(model.structure.order_values())
     facts = [
-        ("structure", f"{model.structure.traits.title} {_orders(model)}".rstrip()),
+        ("structure", f"{model.structure.traits.title} {orders}".rstrip()),
         ("data", data),
         ("sample time", f"{model.dt:g} s"),
         ("criteria", criteria),

@@ -51,12 +51,10 @@ class Orders:
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return len(self.na)
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return len(self.nb[0])
 
     @property
@@ -172,11 +170,7 @@ def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
 
 
 def require_orders(orders: Mapping[str, Any]) -> None:
-    """Refuse orders that no structure can have, in numbers, rows or matrices.
-
-    Raises:
-        UsageError: there is one.
-    """
+    """Refuse orders that no structure can have, in numbers, rows or matrices."""
     for name, value in orders.items():
         for row in _rows(value):
             for cell in row:

@@ -204,8 +204,10 @@ class _Model(NamedTuple):
         xp = self.xp
         cos, sin = xp.cos(now.psi), xp.sin(now.psi)
         known, free = self._free(now, drive, h, (cos, sin))
-        search = _Search(free, now.forces, _nothing_sticks(free, xp))
-        search = search._replace(speeds=_with_forces(known, free, now.forces, self.vehicle))
+        no = free.vx != free.vx
+        nothing_sticks = (no, no), (no, no), (no, no), no
+        speeds = _with_forces(known, free, now.forces, self.vehicle)
+        search = _Search(speeds, now.forces, nothing_sticks)
         search = repeated(xp, rounds, lambda last: self._round(known, last), search)
         return self._moved(now, self._stopped(known, search), search.forces, h)
 
@@ -397,8 +399,3 @@ def _with_forces(known: _Part, free: _Speeds, forces: Forces, car: TrackedVehicl
         free.yaw_rate + known.inertia * (half * (net[1] - net[0]) - forces.turning),
         (omega[0], omega[1]),
     )
-
-
-def _nothing_sticks(speeds: _Speeds, xp: Any) -> tuple[Pair, Pair, Pair, Real]:
-    no = speeds.vx != speeds.vx
-    return (no, no), (no, no), (no, no), no

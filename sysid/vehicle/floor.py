@@ -69,9 +69,6 @@ class Floor:
         soil: everywhere where no patch is.
         patches: later ones lie on earlier ones.
         slope: how much it rises a metre in X and in Y [1].
-
-    Raises:
-        ModelError: the slope is no number.
     """
 
     soil: Soil

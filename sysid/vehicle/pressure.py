@@ -34,9 +34,6 @@ class Pressure:
         centre: how far the load's centre lies ahead of the middle of the track [m].
         wheels: number of road wheels, evenly spaced [1].
         depth: A, how far pressure falls between wheels: 0 not at all, 1 to nothing [1].
-
-    Raises:
-        ModelError: a number is impossible.
     """
 
     distribution: Distribution = Distribution.UNIFORM

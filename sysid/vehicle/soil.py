@@ -41,9 +41,6 @@ class Soil:
             k_phi of infinity is ground that does not give way.
         std: standard deviations of these numbers, (name, value in the unit of the number) each;
             a number that is not among them counts as exact.
-
-    Raises:
-        ModelError: a number is impossible.
     """
 
     cohesion: Real

@@ -90,6 +90,10 @@ class StoredData:
         options = stored.model.provenance.options
         return self._found(options, judged_on.get("files"), wanted, stored.model.dt)
 
+    def judging(self, stored: StoredModel) -> "tuple[Record, ...]":
+        """What judges a model: its validation log, else what it was fitted to."""
+        return self.validation(stored) or self.estimation(stored) or ()
+
     def _found(
         self,
         options: Mapping[str, Any],

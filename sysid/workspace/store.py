@@ -107,35 +107,22 @@ class Workspace:
     """A folder that lets commands work in a row without paths; made when something is saved.
 
     What commands left in it that were killed while they wrote is put in order first.
+
+    Attributes:
+        plant_dir, diagnosis_dir, missions_dir: where ``export``, ``diagnose`` and ``simulate`` put
+            their results by default.
+        followed_dir: where the rows of a followed log are kept for its model.
     """
 
     def __init__(self, root: Path) -> None:
         from sysid.data.files import settle
 
         self.root = Path(root)
+        self.plant_dir, self.diagnosis_dir = self.root / "plant", self.root / "diagnosis"
+        self.missions_dir, self.followed_dir = self.root / "missions", self.root / "followed"
         with suppress(OSError):  # whatever is wrong with it, its use will say
             for folder in (self.root, *(p for p in self.root.iterdir() if p.is_dir())):
                 settle(folder)
-
-    @property
-    def plant_dir(self) -> Path:
-        """Where ``export`` puts the plant package by default."""
-        return self.root / "plant"
-
-    @property
-    def diagnosis_dir(self) -> Path:
-        """Where ``diagnose`` puts its results by default."""
-        return self.root / "diagnosis"
-
-    @property
-    def missions_dir(self) -> Path:
-        """Where ``simulate`` puts its logs by default."""
-        return self.root / "missions"
-
-    @property
-    def followed_dir(self) -> Path:
-        """Where the rows of a followed log are kept for its model."""
-        return self.root / "followed"
 
     def save(self, model: "Model", report: Mapping[str, Any]) -> StoredModel:
         """Store a model; saving the same model again replaces its report and makes it the newest.

@@ -121,6 +121,10 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
         {}, {},
     ),
     "takes it out": (log("t,u,y", T, U, Y + 0.6 * np.sin(np.pi * T / T[-1])), {}, {}),
+    "Give it as an input, too": (
+        log("t,u,y,room", T, U, Y + lfilter([0.0, 0.2], [1.0, -0.8], U[::-1]), U[::-1]),
+        {"inputs": "u", "outputs": "y"}, {},
+    ),
     "Until then give": (log(SIDES, T, 2e4 * U, 2e4 * U[::-1], 8.0 * Y[::-1], 8.0 * Y), {}, {}),
     "change the sign of the": (
         log(SIDES, T, 2e4 * U, 2e4 * U[::-1], -8.0 * Y, 8.0 * Y[::-1]), {}, {},

@@ -144,11 +144,57 @@ def test_warming_is_a_trend_and_no_step() -> None:
     assert change.parts[0].change == pytest.approx(-0.2, abs=0.02)
 
 
-def test_a_drift_is_seen_and_taken_out() -> None:
+def beside(kind: str, seed: int) -> tuple[Array, Array, Array]:
+    """Input, output and another column: it acts on gain or level, is a view of the output, or a
+    slow one beside a load that is engaged."""
+    rng = np.random.default_rng([10, seed])
+    u, rope = steps(rng, 3000, 25, -1.0, 1.0), lag(steps(rng, 3000, 400, 2.0, 9.0), 40.0)
+    load = np.where(np.arange(3000) < 1700, 1.0, 0.75)
+    gain = {"gain": rope / 5.0, "load": load}.get(kind, 1.0)
+    y = lag(u * gain, 8.0) + 0.02 * rng.standard_normal(3000)
+    y = y + 0.1 * lag(rope, 8.0) * (kind == "level")
+    views = {"copy": y + 0.02 * rng.standard_normal(3000), "square": y**2, "late": lag(u, 20.0)}
+    return u, y, views.get(kind, np.cumsum(rng.standard_normal(3000)) if kind == "load" else rope)
+
+
+@pytest.mark.parametrize("kind", ["gain", "level", "load", "copy", "square", "late", "rope"])
+def test_a_change_goes_with_an_unused_column_before_time(kind: str) -> None:
+    """Of 700 other logs with a column that has no say (ten kinds) none is told."""
+    for seed in range(2):
+        u, y, column = beside(kind, seed)
+        log = Record(u, y, 0.05, unused=column, unused_names=("rope",))
+        changes = LogFacts((log,)).changes
+        assert len(changes) == (kind in ("gain", "level", "load"))
+        assert all((c.column is None) == (kind == "load") == c.is_step for c in changes)
+        assert all(c.level == (kind == "level") for c in changes)
+        if kind == "gain":
+            (part,) = changes[0].parts
+            name, low, high = changes[0].column or ("", 0.0, 0.0)
+            assert name == "rope"
+            # the product acts before the lag, and is fitted behind it
+            assert (part.before, part.after) == pytest.approx((low / 5.0, high / 5.0), rel=0.1)
+
+
+def test_an_unused_column_in_rows_of_its_own_is_named(tmp_path: Path, capsys: Capture) -> None:
+    u, y, rope = beside("gain", 3)
+    path = tmp_path / "crane.csv"
+    rows = [f"{0.05 * k:.2f},{u[k]:.4f},{y[k]:.4f}," for k in range(3000)]
+    rows[::10] = [
+        f"{row}\n{0.05 * k + 0.02:.2f},,,{rope[k]:.3f}" for k, row in [*enumerate(rows)][::10]
+    ]
+    path.write_text("\n".join(["t,u,y,rope_m", *rows]) + "\n")
+    said = " ".join(run(capsys, "inspect", path, "--input", "u", "--output", "y").out.split())
+    assert "the gain from u to y rises from" in said
+    assert "as rope_m, not used, goes from" in said
+    assert "narmax takes it as an input: --input u,rope_m" in said
+
+
+@pytest.mark.parametrize("samples", [5000, 3600])
+def test_a_drift_is_seen_and_taken_out(samples: int) -> None:
     rng = np.random.default_rng(8)
-    u = steps(rng, 5000, 240, 10.0, 70.0)
-    room = 20.0 + 2.0 * np.sin(np.arange(5000) / 750.0)
-    y = np.round(1.3 * lag(lag(u, 100.0, 4), 6.0) + room + 0.1 * rng.standard_normal(5000), 1)
+    u = steps(rng, samples, 240, 10.0, 70.0)
+    room = 20.0 + 2.0 * np.sin(np.arange(samples) / 750.0)
+    y = np.round(1.3 * lag(lag(u, 100.0, 4), 6.0) + room + 0.1 * rng.standard_normal(samples), 1)
     log = Record(u, y, 5.0)
     assert LogFacts((log,)).drifts[0] == pytest.approx(4.0, rel=0.1)
     assert not LogFacts((without_drift(log),)).drifts.any()

@@ -423,6 +423,16 @@ def test_time_constant_of_a_first_order_plant(pole: float, dt: float) -> None:
     assert speed.time_constant == pytest.approx(-dt / np.log(pole), rel=0.2)
 
 
+@pytest.mark.parametrize("fast", [True, False])
+def test_a_slow_input_shows_no_fast_time_constant(fast: bool) -> None:
+    rng = np.random.default_rng(14)
+    k = np.arange(6000)
+    u = rng.choice([-1.0, 1.0], 6000) if fast else np.sin(k / 150.0) + 0.3 * np.sin(k / 47.0)
+    y = np.append(0.0, u[:-1]) + 0.1 * rng.normal(size=6000)
+    (speed,) = estimate_speed([Record(u, y, 0.1)])
+    assert (speed.time_constant is None) != fast
+
+
 def test_an_integrator_has_no_time_constant() -> None:
     rng = np.random.default_rng(13)
     u = rng.choice([-1.0, 1.0], (2000, 1))

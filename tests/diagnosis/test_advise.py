@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plain_tracks import SCALES, SIGMA, logged
 
-from sysid.diagnosis.advise import experiment_between, next_experiments, sampled
+from sysid.diagnosis.advise import experiment_between, next_experiments, sampled, stretch_of
 from sysid.diagnosis.base_model import fit_baseline
 from sysid.effects.catalogue import CHANGED, catalogue, effect
 from sysid.effects.programmes import LEVELS
@@ -83,3 +83,26 @@ def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     assert found.effects == ("supply-sag", "concave-gain")
     assert "one side at a constant command while the other steps" in found.purpose
     assert "which is clear" in found.purpose
+
+
+def test_a_slow_machine_gets_time_and_a_single_drive_is_not_reversed() -> None:
+    """A fan sampled every 100 s settles in 1000 s: steps of two seconds would show nothing."""
+    one = RECORD.select(["pwm_l"], ["omega_l"])
+    fan = replace(one, u=np.abs(one.u), sha256="")
+    rows = np.array(next_experiments(fan, SCALES[:1], ["coulomb-friction"], 4000.0)[0].schedule)
+    assert np.diff(rows[:, 0]).min() >= 0.3 * 4000.0
+    assert np.all(rows[:, 1] >= 0.0)
+    assert not next_experiments(fan, SCALES[:1], ["unsigned-speed"])  # only a reversal shows it
+
+
+def test_no_schedule_is_too_short_to_simulate() -> None:
+    slow = replace(RECORD, dt=100.0, sha256="")
+    ids = ("supply-sag", "concave-gain")
+    base = fit_baseline([slow], [slow], [effect(i) for i in ids])
+    tied = {}
+    for id in ids:
+        q = base.model.q.copy()
+        q[list(base.search.model.of(id))] = 0.2
+        tied[id] = replace(base.model, q=q)
+    assert stretch_of(base.search, base.model) > 100.0
+    assert len(experiment_between(base.search, tied, np.array([SIGMA, SIGMA])).schedule) > 10

@@ -16,9 +16,6 @@ from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 
 LOG = Record(np.zeros((4, 1)), np.zeros((4, 1)), 0.1, (Channel("u", "V"),), (Channel("speed"),))
-HEATER = Record(
-    np.zeros((4, 1)), np.zeros((4, 1)), 0.1, (Channel("u", "V"),), (Channel("temp", "degC"),)
-)
 
 
 def outcome(
@@ -26,16 +23,15 @@ def outcome(
     named: tuple[str, ...] = (),
     doubtful: bool = True,
     unexplained: bool = True,
-    log: Record = LOG,
 ) -> Any:
     base = SimpleNamespace(
         search=SimpleNamespace(model=SimpleNamespace(order=order, effects=())),
-        parts=SimpleNamespace(estimation=(log,)),
+        parts=SimpleNamespace(estimation=(LOG,)),
     )
     study = SimpleNamespace(
         base=base,
-        needs_explanation=doubtful,
-        far_above_noise=lambda naming: unexplained,
+        required_ratio=lambda: 0.9 if doubtful else 0.0,
+        gap=lambda naming: SimpleNamespace(closed_percent=50.0 if unexplained else 95.0),
     )
     return SimpleNamespace(session=study, selection=SimpleNamespace(selected=named, final=None))
 
@@ -58,11 +54,10 @@ def better(more: bool) -> Any:
         (outcome(3, ("dead-zone",), unexplained=False), better(True), False),
         (outcome(3, doubtful=False), better(True), False),
         (outcome(1), better(True), False),
-        (outcome(3, log=HEATER), better(True), False),
     ],
     ids=[
         *("explains-more", "explains-less", "nothing-found", "part-explained"),
-        *("all-explained", "nothing-missing", "first-order-already", "no-motion"),
+        *("all-explained", "nothing-missing", "first-order-already"),
     ],
 )
 def test_first_order_is_taken_where_it_explains_more(

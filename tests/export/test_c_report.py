@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from c_programs import COMPILER, needs_compiler
 from plant_models import robot_model
 
 import sysid
-from sysid.export.c.report import Count, counted
+from sysid.export.c.report import counted
 from sysid.export.package import Form, package_files
 from sysid.robot.mission.spec import load_mission
 
@@ -19,17 +20,17 @@ MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 @pytest.mark.parametrize(
     ("line", "count"),
     [
-        ("const double t0 = a - b * c / d;", Count(added=1, multiplied=1, divided=1)),
-        ("out[0] += t0;", Count(added=1)),
-        ("const double t1 = a0[3 * i0 + i1] * -x;", Count(multiplied=1)),
-        ("const double t2 = sqrt(t1) + pow(t0, 2.5);", Count(added=1, roots=1, calls=1)),
-        ("const int t3 = fabs(t1) >= 0.5;", Count(compared=2)),
-        ("const double t4 = t3 ? t1 : t2;", Count(compared=1)),
-        ("const double t5 = (double)((t4 > 0.0) - (t4 < 0.0));", Count(added=1, compared=2)),
-        ("state->x[0] = t5;", Count()),
+        ("const double t0 = a - b * c / d;", Counter(added=1, multiplied=1, divided=1)),
+        ("out[0] += t0;", Counter(added=1)),
+        ("const double t1 = a0[3 * i0 + i1] * -x;", Counter(multiplied=1)),
+        ("const double t2 = sqrt(t1) + pow(t0, 2.5);", Counter(added=1, roots=1, calls=1)),
+        ("const int t3 = fabs(t1) >= 0.5;", Counter(compared=2)),
+        ("const double t4 = t3 ? t1 : t2;", Counter(compared=1)),
+        ("const double t5 = (double)((t4 > 0.0) - (t4 < 0.0));", Counter(added=1, compared=2)),
+        ("state->x[0] = t5;", Counter()),
     ],
 )
-def test_operations_of_a_line(line: str, count: Count) -> None:
+def test_operations_of_a_line(line: str, count: Counter[str]) -> None:
     assert counted([line]) == count
 
 

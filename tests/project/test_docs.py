@@ -14,7 +14,7 @@ import pytest
 import scripts
 import typer
 from pydantic import BaseModel
-from sysid_cli.app import app
+from sysid_cli.app import app, main
 
 import sysid
 from sysid.criteria.table import BUILT_IN
@@ -250,6 +250,8 @@ def test_python_examples_run(
 ) -> None:
     example = tmp_path / "example.py"
     example.write_text(block, encoding="utf-8")
-    monkeypatch.chdir(ROOT)  # the examples read datasets/…
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "."]) == 0  # the examples read bundled logs
+    capsys.readouterr()
     runpy.run_path(str(example))
     assert capsys.readouterr().err == ""

@@ -22,19 +22,84 @@ PAGES = {
 }
 """Pages whose examples are run, and whether they take more than a second."""
 
+OPENINGS = {
+    "bench": "long",
+    "c": "long",
+    "choosing": "",
+    "continuous-time": "long",
+    "control": "long",
+    "criteria": "long",
+    "data": "long",
+    "diagnose": "long",
+    "diagnosis-algorithm": "long",
+    "estimation": "long",
+    "exporters": "long",
+    "files": "long",
+    "fit-vehicle": "long",
+    "grey-box-file": "long",
+    "guidance": "",
+    "live": "long",
+    "motion": "long",
+    "navigation": "long",
+    "plant-package": "long",
+    "sensors": "long",
+    "state-space": "long",
+    "structures": "",
+    "structures/dc-motor": "",
+    "structures/hammerstein-wiener": "",
+    "structures/narmax": "",
+    "structures/narx-wavelet": "",
+    "structures/tanks": "",
+    "structures/wiener-hammerstein": "",
+}
+"""Pages of which the example that they open with is run."""
+
+WITHOUT = {
+    "api": "Python, which is run, below a paragraph",
+    "architecture": "for developers of the workbench",
+    "bags": "needs the extra ros and a recording",
+    "commands": "generated",
+    "effects": "generated",
+    "extending": "for developers; tests/plugin runs its package",
+    "fmu": "needs the extra fmu",
+    "gate": "for developers of the workbench",
+    "index": "an index",
+    "mujoco": "needs the extra physics",
+    "ros": "needs ROS",
+}
+"""Pages that open with no example, and why."""
+
+
+def test_every_page_opens_with_an_example_or_says_why_not() -> None:
+    docs = ROOT / "docs"
+    pages = {str(p.relative_to(docs).with_suffix("")) for p in docs.rglob("*.md")}
+    pages = {p for p in pages if not p.startswith("decisions/")}
+    whole = {p.removeprefix("docs/").removesuffix(".md") for p in PAGES if p.startswith("docs/")}
+    assert pages == whole | set(OPENINGS) | set(WITHOUT)
+    for page in OPENINGS:
+        assert any(page_examples.examples(docs / f"{page}.md", opening=True)), page
+
+
+SHOWN = [
+    *((page, False, long) for page, long in PAGES.items()),
+    *((f"docs/{page}.md", True, long) for page, long in OPENINGS.items()),
+]
+"""Page, whether only its opening is run, and whether that takes long."""
+
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=[pytest.mark.slow] if long else []) for p, long in PAGES.items()]
+    ("page", "opening"),
+    [pytest.param(p, o, marks=[pytest.mark.slow] if long else []) for p, o, long in SHOWN],
 )
 def test_a_page_runs_as_printed(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    page: str, opening: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(render, "SPOKEN_EVERY", 1e6)  # no lines on progress between the others
     assert main(["demo", "."]) == 0
     page_examples.drive(tmp_path / "drive.csv")
-    for example in page_examples.examples(ROOT / page):
+    for example in page_examples.examples(ROOT / page, opening=opening):
         if example.line.startswith(page_examples.NOT_RUN):
             continue
         lines = page_examples.printed(example)

@@ -15,6 +15,7 @@ from sysid.report.svg_panels import svg
 from sysid.workspace.store import Workspace
 
 TITLES = (
+    "Checks of the log",
     "Measured and simulated",
     "Fit against steps ahead",
     "Step response",
@@ -84,7 +85,8 @@ def test_every_section_is_there_with_its_verdict(folder: Path) -> None:
     title = re.search(r"<h1>([-\w]+):", text)
     assert title
     best = Workspace(folder).load(title[1])
-    assert f"--structure {best.model.structure.name} --orders" in text
+    assert f"val.csv --structure {best.model.structure.name} --orders" in text
+    assert f"log.csv: SHA-256 {best.model.provenance.data[0].sha256}" in text
     fit = best.report["validation"]["fit_percent"]["omega_l"]
     assert f"omega_l: {fit:.1f}\u00a0% fit" in text
 
@@ -154,3 +156,18 @@ def test_a_line_is_drawn_where_its_numbers_are() -> None:
     assert (x0, x1) == (52.0, 350.0)
     height = 216.0 - 34.0 - 34.0
     assert y0 - y1 == pytest.approx(height / 1.12, abs=0.2)
+
+
+def test_names_that_have_no_room_stand_whole_below_the_panel() -> None:
+    x = np.array([0.0, 1.0])
+    names = [f"augmented-{k:06d}" for k in range(5)]
+    drawn = svg(Panel("p", "p", "x", "y", tuple(Curve(n, x, x, colour=0) for n in names)))
+    places = {
+        n: (float(at[1]), float(at[2]))
+        for n in names
+        if (at := re.search(rf'<text x="([\d.]+)" y="([\d.]+)"[^>]*>{n}<', drawn))
+    }
+    assert len(set(places.values())) == len(names)
+    height = re.search(r'viewBox="0 0 360 ([\d.]+)"', drawn)
+    assert height
+    assert all(216.0 < y < float(height[1]) and x < 300.0 for x, y in places.values())

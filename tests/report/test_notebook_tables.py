@@ -42,10 +42,23 @@ def test_a_comparison(tmp_path: Path) -> None:
             assert f"{fit:.2f}" in words
 
 
+def test_a_record_and_models_in_a_row(tmp_path: Path) -> None:
+    log = read_log(dead_zone_log(tmp_path / "log.csv"))
+    assert repr(log).startswith("<Record log.csv: ")
+    assert "\n" not in repr(log)
+    assert {*log.input_names, *log.output_names} <= set(words_of(log))
+    model = sysid.fit(log, "arx", "na=1 nb=1")
+    ranking = sysid.compare(log, [model])
+    assert repr(ranking) == "<Ranking by fit on the log: 1 arx>"
+    with pytest.raises(sysid.UsageError, match="is no log"):
+        sysid.compare([model], log)  # type: ignore[arg-type]
+
+
 def test_a_diagnosis(tmp_path: Path) -> None:
     found = diagnose([read_log(dead_zone_log(tmp_path / "log.csv"))], None)
     words = words_of(found)
     assert {e.id for e in found.effects} <= set(words)
+    assert repr(found).startswith(f"<Diagnosis {found.verdict}: ")
     assert any(f"{found.gap.closed_percent:.0f} %" in w for w in words)
 
 

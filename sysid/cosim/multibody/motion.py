@@ -104,7 +104,6 @@ class Multibody(Physics):
         return (state.lateral, state.touching)
 
     def start(self, scene: Scene, xp: Any) -> MultibodyState:
-        """At rest in the start pose."""
         return MultibodyState(self._engine(scene).start, (0.0, 0.0), 0.0, 0)
 
     def step(

@@ -65,9 +65,6 @@ class Master:
 
         Args:
             wanted: pairs of topic and type.
-
-        Raises:
-            ModelError: one is.
         """
         for topic, kind in wanted:
             type_name = self.type_of(topic)
@@ -102,11 +99,7 @@ class Master:
 
 
 def master_here() -> Master:
-    """The master that ``ROS_MASTER_URI`` names, there and answering.
-
-    Raises:
-        ModelError: it is not.
-    """
+    """The master that ``ROS_MASTER_URI`` names, there and answering."""
     master = Master(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))
     master.check()
     return master

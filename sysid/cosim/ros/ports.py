@@ -116,25 +116,23 @@ class _Talk:
 
     def meet(self, topic: str, patience: float) -> None:
         """Wait until the other node publishes a topic."""
-        until = time.monotonic() + patience
-        while not self.listens[topic].get_num_connections():
-            if time.monotonic() > until:
-                raise SilenceError(
-                    f"{self.other} did not appear within {patience:g} s, and no node publishes "
-                    f"{topic}; "
-                    f"{self.starts}"
-                )
-            time.sleep(0.02)
+        missing = (
+            f"{self.other} did not appear within {patience:g} s, and no node publishes {topic}; "
+            f"{self.starts}"
+        )
+        self._connect(self.listens[topic], patience, missing)
         self.refuse_two(topic)
 
     def be_heard(self, topic: str, patience: float) -> None:
         """Wait until a topic of ours has a listener: what is said before is lost."""
+        missing = f"no node subscribed to {topic} within {patience:g} s; {self.starts}"
+        self._connect(self.says[topic], patience, missing)
+
+    def _connect(self, one: Any, patience: float, missing: str) -> None:
         until = time.monotonic() + patience
-        while not self.says[topic].get_num_connections():
+        while not one.get_num_connections():
             if time.monotonic() > until:
-                raise SilenceError(
-                    f"no node subscribed to {topic} within {patience:g} s; {self.starts}"
-                )
+                raise SilenceError(missing)
             time.sleep(0.02)
 
     def end(self, said: bool) -> None:

@@ -46,7 +46,6 @@ class Timed:
         t: instants on the clock of all streams [s], rising, (N,).
         by: ``header.stamp`` or ``the time of receipt``.
         way: median time from stamp to receipt [s]; NaN where clocks differ, or without stamps.
-        findings: what was done.
     """
 
     stream: Stream

@@ -52,7 +52,6 @@ class Topic:
     Attributes:
         name: with its slash.
         kind: type of its messages.
-        count: how many there are.
         rate: usual messages a second; NaN for fewer than two.
         fields: its numbers; none where messages are large, or their type is not defined.
     """
@@ -75,7 +74,6 @@ class Contents:
     Attributes:
         where: its name.
         length: time from the first message that was looked at to the last [s].
-        topics: by name.
     """
 
     where: str

@@ -9,7 +9,7 @@ their ``name``, ``child_frame_id`` or ``label``. Behind a quaternion stand ``yaw
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ Reader = Callable[[Any], float]
 MOST_ELEMENTS = 64
 """Longer arrays are images and scans; their elements are not listed one by one."""
 
-ANGLES = ("yaw", "pitch", "roll")
 QUATERNION = {"x", "y", "z", "w"}
 POSES = ((), ("pose",), ("pose", "pose"), ("transform",))
 """Where a pose stands in the messages that hold one."""
@@ -39,11 +38,7 @@ class NoSuchFieldError(Exception):
 
 
 def steps_of(path: str) -> tuple[Step, ...]:
-    """The steps of a path such as ``velocity[wheel_left]``; none for an empty one.
-
-    Raises:
-        UsageError: it cannot be read.
-    """
+    """The steps of a path such as ``velocity[wheel_left]``; none for an empty one."""
     steps: list[Step] = []
     at = 0
     for match in _STEP.finditer(path):
@@ -92,7 +87,7 @@ def reader(message: Any, steps: Sequence[Step]) -> Reader:
     except LookupError:
         known = [path for path, _ in numbers(message)]
         raise NoSuchFieldError(f"has no {written(steps)}{nearest(written(steps), known)}") from None
-    if to_number is _plain and not _is_number(value):
+    if to_number is float and not _is_number(value):
         raise NoSuchFieldError(f"holds {_kind(value)} in {written(steps)}, not a number")
 
     def take(other_message: Any) -> float:
@@ -106,14 +101,14 @@ def reader(message: Any, steps: Sequence[Step]) -> Reader:
 
 def _turned(message: Any, steps: tuple[Step, ...]) -> tuple[Reader, tuple[Step, ...]]:
     """What makes a number of the value at the end of a path, and the path to that value."""
-    angle = {"yaw": _yaw, "pitch": _pitch, "roll": _roll}.get(str(steps[-1]))
+    angle = ANGLES.get(str(steps[-1]))
     if angle is not None:
         try:
             if _is_quaternion(_at(message, steps[:-1])):
                 return angle, steps[:-1]
         except LookupError:
             pass
-    return _plain, steps
+    return float, steps
 
 
 def _at(message: Any, steps: Sequence[Step]) -> Any:
@@ -271,10 +266,6 @@ def _kind(value: Any) -> str:
     return f"a message of {', '.join(names)}" if names else f"a {type(value).__name__}"
 
 
-def _plain(value: Any) -> float:
-    return float(value)
-
-
 def _yaw(q: Any) -> float:
     """ψ = atan2(2 (wz + xy), 1 − 2 (y² + z²)) [rad]; NaN for a quaternion of zeros."""
     if not (q.w or q.x or q.y or q.z):
@@ -282,9 +273,11 @@ def _yaw(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def _pitch(q: Any) -> float:
-    return math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))
-
-
-def _roll(q: Any) -> float:
-    return math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x * q.x + q.y * q.y))
+ANGLES: Mapping[str, Reader] = {
+    "yaw": _yaw,
+    "pitch": lambda q: math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x)))),
+    "roll": lambda q: math.atan2(
+        2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)
+    ),
+}
+"""Angles of a quaternion [rad], by what stands behind its path."""

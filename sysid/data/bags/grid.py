@@ -1,6 +1,6 @@
 """Streams of different rates on one uniform grid: commands held, measurements interpolated."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -43,23 +43,6 @@ class Grid:
     topic: str
 
 
-@dataclass(frozen=True, eq=False)
-class Aligned:
-    """All streams on one grid.
-
-    Attributes:
-        t: instants [s], (N,); rows that a measurement does not cover are left out.
-        columns: by name, (N,).
-        grid: what the rows stand on.
-        findings: what was done.
-    """
-
-    t: Array
-    columns: Mapping[str, Array]
-    grid: Grid
-    findings: tuple[Finding, ...]
-
-
 def zero_order_hold_columns(names: Sequence[str], options: ReadOptions) -> frozenset[str]:
     """The columns that keep a value until the next one: inputs, commands and set points."""
     zero_order_hold = {n for n in names if meaning(n).quantity in ("command", "reference")}
@@ -79,7 +62,7 @@ def aligned(
     ts: float | None,
     where: str,
     setting: Sequence[Timed] = (),
-) -> Aligned:
+) -> tuple[Array, dict[str, Array], Grid, tuple[Finding, ...]]:
     """Bring streams onto one grid.
 
     Its step is that of the command where commands come at a steady rate, and that of the slowest
@@ -94,6 +77,10 @@ def aligned(
         ts: the step [s] where an option gives it.
         where: the bag, for messages.
         setting: those of the streams that may set the step; all where none is named.
+
+    Returns:
+        the instants (N,) [s], without those that a measurement does not cover; the columns by name,
+        (N,) each; what they stand on; and what was done.
 
     Raises:
         DataError: the streams hardly overlap, or one of them has a single message.
@@ -121,9 +108,9 @@ def aligned(
                 turning = name in stream.stream.angles
                 columns[name] = _between(at, values, k, turning)
                 rows &= _covered(at, k, max(stream.step / grid.dt, 1.0))
-    t = grid.start + grid.dt * k
+    t = grid.start + grid.dt * k[rows]
     findings = _alignment_findings(streams, zero_order_hold, grid, where)
-    return Aligned(t[rows], {n: c[rows] for n, c in columns.items()}, grid, findings)
+    return t, {n: c[rows] for n, c in columns.items()}, grid, findings
 
 
 def _grid(

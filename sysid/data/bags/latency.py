@@ -142,13 +142,9 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
     ]
     by_topic = {a.topic: a for a in by_plant}
     by_rate = sorted(measured, key=lambda s: s.step)
+    surest = min(by_plant, key=lambda a: a.std_error, default=None)
     reference = next(
-        (
-            s
-            for s in by_rate
-            if by_topic
-            and s.stream.topic == min(by_topic.values(), key=lambda a: a.std_error).topic
-        ),
+        (s for s in by_rate if surest is not None and s.stream.topic == surest.topic),
         by_rate[0] if by_rate else None,
     )
     estimates = list(by_plant)

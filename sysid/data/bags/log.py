@@ -58,14 +58,11 @@ def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
     moved = np.hypot(dx, dy) > 0.1 * np.max(np.hypot(dx, dy))
     if not moved.any() or np.ptp(psi[moved]) < TURNS:
         return ()
-    problem = _sense(dx[moved], dy[moved], psi[moved])
-    findings = (
-        [Finding("bag", Severity.WARNING, f"{where}: {problem[0]}", problem[1])] if problem else []
-    )
-    if not problem:
-        way = np.column_stack([dx, dy])
-        findings += [f for s in streams for f in _twist(s, edges, way, psi, where)]
-    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in findings)
+    if problem := _sense(dx[moved], dy[moved], psi[moved]):
+        text, advice = problem
+        return (Finding("bag", Severity.WARNING, f"{where}: {text}", advice, record=where),)
+    way = np.column_stack([dx, dy])
+    return tuple(f for s in streams for f in _twist(s, edges, way, psi, where))
 
 
 def _at(edges: Array, t: Array, values: Array, turning: bool) -> Array:
@@ -114,7 +111,7 @@ def _twist(stream: Timed, edges: Array, way: Array, psi: Array, where: str) -> t
         f"{frame or 'the world'}; nav_msgs/Odometry expects {child or 'the body'}."
     )
     advice = "Map the wheel speeds instead, or correct the publisher."
-    return (Finding("bag", Severity.WARNING, text, advice),)
+    return (Finding("bag", Severity.WARNING, text, advice, record=where),)
 
 
 def bag_table(
@@ -158,14 +155,14 @@ def bag_table(
         if not even:
             tables.append(_sparse(streams))
             continue
-        rows = aligned(streams, zero_order_hold, ts, recording.where)
-        ts = rows.grid.dt if ts is None else ts
-        findings += rows.findings
-        tables.append((rows.t, dict(rows.columns)))
-    return _table(recording, tables, even), tuple(dict.fromkeys(findings))
+        t, columns, grid, said = aligned(streams, zero_order_hold, ts, recording.where)
+        ts = grid.dt
+        findings += said
+        tables.append((t, columns))
+    return _table(recording, tables), tuple(dict.fromkeys(findings))
 
 
-def _table(recording: Streams, tables: list[tuple[Array, dict[str, Array]]], even: bool) -> Table:
+def _table(recording: Streams, tables: list[tuple[Array, dict[str, Array]]]) -> Table:
     t = np.concatenate([rows for rows, _ in tables])
     units = {n: u for s in recording.streams for n, u in zip(s.names, s.units, strict=True)}
     names = [n for s in recording.streams for n in s.names]

@@ -44,9 +44,6 @@ def sources(mapping: Mapping[str, str]) -> tuple[Source, ...]:
     Args:
         mapping: column, with a unit in brackets or without, to ``/topic.field``; a minus before
             the path turns the sign, ``0.5*`` scales.
-
-    Raises:
-        UsageError: a name or a path cannot be read.
     """
     columns = tuple(_source(name, path) for name, path in mapping.items())
     names = [s.name for s in columns]

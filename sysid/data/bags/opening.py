@@ -172,9 +172,8 @@ def _checked(reader: "AnyReader", where: str) -> Bag:
     if not sum(counts.values()):
         raise DataError(f"{where} holds no messages; record it again")
     types = {c.topic: c.msgtype for c in reader.connections}
-    lacking = {t for t in types.values() if t not in reader.typestore.fielddefs}
-    if lacking:
-        known = reader.typestore.fielddefs
+    known = reader.typestore.fielddefs
+    if any(t not in known for t in types.values()):
         more = {n: d for n, d in _standard().fielddefs.items() if n not in known}
         reader.typestore.register(more)
     return Bag(where, types, counts, reader.start_time, reader)

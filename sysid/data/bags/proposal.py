@@ -85,7 +85,9 @@ def propose(contents: Contents) -> Proposal | None:
             share = 0.0 if led is None else led.share
             if back is not None and back.share > share:
                 share = -back.share
-            score = u.score + y.score + LED * share + _kin(u, y)
+            # a Twist goes with a body, an array with its wheels
+            kin = ("Twist" in u.topic.kind) == ("Odometry" in y.topic.kind)
+            score = u.score + y.score + LED * share + float(kin)
             if best is None or score > best[0]:
                 best = score, u, y, led
     if best is None:
@@ -152,12 +154,6 @@ def _has_pose(topic: Topic) -> bool:
     return kind in ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "Pose2D") and (
         {"x", "y"} <= paths
     )
-
-
-def _kin(u: _Candidate, y: _Candidate) -> float:
-    """Whether two topics are of the same thing: a Twist of a body, an array of its wheels."""
-    body = "Twist" in u.topic.kind, "Odometry" in y.topic.kind
-    return 1.0 if body[0] == body[1] else 0.0
 
 
 def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:

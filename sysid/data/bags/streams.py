@@ -34,7 +34,6 @@ class Stream:
     """What one topic says over time.
 
     Attributes:
-        topic: its name.
         kind: type of its messages.
         received: when each was recorded [s], (N,), from the bag's ``origin`` on.
         stamped: what its header says [s], from the same origin; NaN where it has none, (N,).
@@ -110,10 +109,7 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
                 stamp = _ns(message.content.clock)
                 clock.extend(((message.received - origin) / 1e9, (stamp - origin) / 1e9))
         streams = tuple(part.stream() for part in parts.values())
-    clock_samples = (
-        np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
-    )
-    return Streams(bag.where, origin / 1e9, streams, clock_samples)
+    return Streams(bag.where, origin / 1e9, streams, np.array(clock).reshape(-1, 2))
 
 
 @dataclass(eq=False)

@@ -51,8 +51,8 @@ times as much) from which on it drifts."""
 DRIFT_ALARM = 1e-6
 """Level of that comparison, were the noise white there."""
 
-MIN_SLOW = 5
-"""Slow curves that a log must have room for: forty lags."""
+MIN_SLOW = 3
+"""Slow curves that a log must have room for: thirty lags."""
 
 MATTERS = 0.03
 """Change of a gain or lag, relative, that matters, and range of a drift over that of the output."""
@@ -107,6 +107,8 @@ class Change:
         parts: the gains and lags that change.
         at, error: when [s], and half of the interval of 95 %; NaN where it changes all along.
         p_value: of constancy.
+        column: the unused column that they go with, else time; and its values before and after.
+        level: whether the output's level moves with it.
     """
 
     output: str
@@ -115,6 +117,8 @@ class Change:
     at: float
     error: float
     p_value: float
+    column: tuple[str, float, float] | None = None
+    level: bool = False
 
     @property
     def is_step(self) -> bool:
@@ -140,11 +144,11 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
     profiles = np.vstack(
         [np.arange(BLOCKS) >= inner[:, None], (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5]
     )
-    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, _curves(records, fit)])
+    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit)])
     for more in (lambda: beside, lambda: np.hstack([beside, _ramps(records, fit)])):
         X, _ = orthonormal(white(more()), 1e-9)
         e = target - X @ (X.T @ target)
-        stats, effects, errors = _statistics(X, Z / size, e, profiles, edges)
+        stats, effects, errors = statistics(X, Z / size, e, profiles, edges)
         p = _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1)
         if p > ALARM:
             return None
@@ -166,7 +170,7 @@ def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
     if slow < MIN_SLOW or len(r) < 8 * slow or moved < MATTERS * float(np.ptp(y)):
         return 0.0
     still = base[:, ~fit.white.drifting]  # levels and decays
-    X = np.hstack([still, fit.slopes, _curves(records, fit), base[:, fit.white.drifting]])[: len(r)]
+    X = np.hstack([still, fit.slopes, curves(records, fit), base[:, fit.white.drifting]])[: len(r)]
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-300)
     rest = y - fit.responses[: len(r)].sum(axis=1)
     added = np.linalg.lstsq(X, rest, rcond=1e-9)[0]
@@ -190,7 +194,7 @@ def regions_differ(records: Sequence[Record], at: float) -> bool:
     return bool(np.any(wider | aside))
 
 
-def _statistics(
+def statistics(
     X: Array, Z: Array, e: Array, profiles: Array, edges: Array
 ) -> tuple[Array, Array, Array]:
     """The classical and the robust statistic of each profile; effects and errors, (profiles, q).
@@ -231,7 +235,7 @@ def _chance(x: float, q: int) -> float:
     return float(min(np.exp(log) * tail, 1.0))
 
 
-def _curves(records: Sequence[Record], fit: ProcessFit) -> Array:
+def curves(records: Sequence[Record], fit: ProcessFit) -> Array:
     """Static curves of inputs and response, and lags that depend on the response, (N, n)."""
     columns = []
     for i in range(records[0].nu):
@@ -256,7 +260,7 @@ def _ramps(records: Sequence[Record], fit: ProcessFit) -> Array:
     A ramp makes the lag of a large step longer than that of a small one: two parts of a log with
     few large steps differ by it. Looked at only where a change would be said.
     """
-    lag = float(fit.lag[_main(fit)])
+    lag = float(fit.lag[main_input(fit)])
     rates = 1.0 / (np.array(RAMPS) * lag)
     x, starts = fit.responses.sum(axis=1), np.cumsum([len(r) for r in records])[:-1]
     wanted = np.split(x + lag * np.diff(x, append=x[-1:]), starts)
@@ -286,7 +290,7 @@ def _limited(x: Array, rate: float, lag: float) -> Array:
     return out
 
 
-def _main(fit: ProcessFit) -> int:
+def main_input(fit: ProcessFit) -> int:
     """The input that moves the output most."""
     return int(np.argmax(fit.responses.std(axis=0)))
 
@@ -295,7 +299,7 @@ def _trend(
     records: Sequence[Record], j: int, fit: ProcessFit, effect: Array, error: Array, p: float
 ) -> Change | None:
     """Gains and lags that change in proportion to time, at both ends of the log."""
-    nu, dt, main = len(fit.gain), records[0].dt, _main(fit)
+    nu, dt, main = len(fit.gain), records[0].dt, main_input(fit)
     ends = np.maximum(1.0 + np.outer([-0.5, 0.5], effect), 1e-3)
     values = [*fit.gain, fit.lag[main] * dt]
     parts = [
@@ -336,7 +340,7 @@ def _step(records: Sequence[Record], j: int, fit: ProcessFit, row: int, p: float
         at, half = _when(r, j, before, after, max(at - reach, 0), min(at + reach, len(r) - 1))
         if abs(at - last) <= block // 4:
             break
-    main, parts = _main(fit), []
+    main, parts = main_input(fit), []
     for i, name in enumerate(r.input_names):
         one, two = (float(f.gain[i]) for f in (before, after))
         errors = before.gain_error[i] / one, after.gain_error[i] / two
@@ -364,7 +368,7 @@ def _when(
         r.y[:, j] - sum(f.gain[i] * f.through(i, [u - u[0]]) for i, u in enumerate(r.u.T))
         for f in (before, after)
     ]
-    lag = float(after.lag[_main(after)])
+    lag = float(after.lag[main_input(after)])
     near = round(5.0 * lag) + 5
     stop = min(last + near, len(r))
     levels = [

@@ -234,8 +234,8 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
     for t in (t for t in tests if t.p_value < NONLINEAR / len(tests)):
         predicted = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
         text = (
-            f"Nonlinear response of {t.output} ({_chance(t.p_value)}): products of past inputs and "
-            f"outputs, mostly {t.shape}, predict {predicted} of the best linear predictor's errors."
+            f"Nonlinear response of {t.output} ({_chance(t.p_value)}): products of past signals, "
+            f"mostly {t.shape}, predict {predicted} of the best linear predictor's errors."
         )
         advice = _STRUCTURES_TO_COMPARE.get(t.shape, _STRUCTURES_TO_COMPARE[_BOTH])
         findings.append(Finding("nonlinearity", Severity.NOTE, text, advice, t.output))
@@ -301,7 +301,12 @@ def check_constancy(
     """
     for c in changes:
         text = change_sentence(c, records[0])
-        yield Finding("change", Severity.WARNING, text, _ADVICE[c.is_step], c.output)
+        advice = _ADVICE[c.is_step]
+        if c.column:
+            too = argument(inputs=[*records[0].input_names, c.column[0]])
+            of = f"A linear model is an average over {c.column[0]}; narmax takes it as an input"
+            advice = f"{of if c.parts else 'Give it as an input, too'}: {too}."
+        yield Finding("change", Severity.WARNING, text, advice, c.output)
     changed = {c.output for c in changes}
     drifting = zip(records[0].outputs, drifts.tolist(), strict=False)
     drifting_levels = [(c, d) for c, d in drifting if d and c.name not in changed]
@@ -321,7 +326,13 @@ def change_sentence(change: Change, record: Record) -> str:
     """``speed: gain from volts falls by 24.0 ± 0.3 % (…) at 61.3 ± 0.4 s.``"""
     inputs = {c.name: c for c in record.inputs}
     output = next(c for c in record.outputs if c.name == change.output)
-    parts = " and ".join(_part(p, inputs[p.input], output) for p in change.parts)
+    rough = change.column is not None  # a product may act before the lag as well as behind it
+    words = [_part(p, inputs[p.input], output, rough) for p in change.parts]
+    words += [f"the level of {output.name} moves"] * change.level
+    parts = " and ".join(words)
+    if change.column:
+        name, low, high = change.column
+        return f"{change.record}: {parts} as {name}, not used, goes from {low:.4g} to {high:.4g}."
     when = (
         f"at {value_with_error(change.at, change.error)} s"
         if change.is_step
@@ -330,16 +341,21 @@ def change_sentence(change: Change, record: Record) -> str:
     return f"{change.record}: {parts} {when}."
 
 
-def _part(part: Part, u: Channel, y: Channel) -> str:
+def _part(part: Part, u: Channel, y: Channel, rough: bool) -> str:
     verb = "falls" if part.change < 0.0 else "rises"
     by = value_with_error(100.0 * abs(part.change), 100.0 * part.error)
     if not part.is_gain:
         numbers = f"{part.before:.3g} to {part.after:.3g} s"
-        return f"the time constant of {y.name} {verb} by {by} % ({numbers})"
+        amount = f"from {numbers}" if rough else f"by {by} % ({numbers})"
+        return f"the time constant of {y.name} {verb} {amount}"
     factor = u.scale / y.scale
     unit = f" {y.file_words or y.unit or y.name} per {u.file_words or u.unit or u.name}"
-    numbers = f"{factor * part.before:.4g} to {factor * part.after:.4g}{unit}"
-    return f"the gain from {u.name} to {y.name} {verb} by {by} % ({numbers})"
+    if rough:
+        amount = f"from {factor * part.before:.2g} to {factor * part.after:.2g}{unit}"
+    else:
+        numbers = f"{factor * part.before:.4g} to {factor * part.after:.4g}{unit}"
+        amount = f"by {by} % ({numbers})"
+    return f"the gain from {u.name} to {y.name} {verb} {amount}"
 
 
 _ADVICE = {

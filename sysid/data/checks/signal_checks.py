@@ -191,7 +191,7 @@ def check_levels(records: Sequence[Record]) -> Iterator[Finding]:
         levels = visited_levels(np.concatenate([r.u[:, j] for r in records]))
         if 2 <= len(levels) < MAX_LEVELS:
             text = (
-                f"{name} takes the values {', '.join(f'{v:.4g}' for v in levels)} only: a dead "
+                f"{name} takes the values {', '.join(f'{v:.6g}' for v in levels)} only: a dead "
                 f"zone, a saturation or a curved gain cannot be identified from {len(levels)} "
                 "levels."
             )

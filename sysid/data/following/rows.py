@@ -56,11 +56,7 @@ class Lost:
 
 
 def check_followable(options: ReadOptions) -> None:
-    """Refuse options that need the whole log.
-
-    Raises:
-        UsageError: one is given.
-    """
+    """Refuse options that need the whole log."""
     plain = ReadOptions()
     given = [n for n in (*WHOLE_LOG_ONLY, *BAGS_ONLY) if getattr(options, n) != getattr(plain, n)]
     if options.held not in ("auto", "keep"):
@@ -135,7 +131,7 @@ class RowReader:
                 return None
             text = "\n".join(self._first) + "\n"
             self._format = _Format.of(text.encode(), self._where, self._options)
-            lines, self._first = self._format.rows, []
+            lines, self._first = self._format.layout.rows, []
         return self._rows([line for line in lines if line.strip()])
 
     @property
@@ -147,7 +143,7 @@ class RowReader:
     def _rows(self, lines: Sequence[str]) -> Rows:
         format = self._known
         good = [line for line in lines if format.is_row(line)]
-        self._lose(unreadable=sum(not format.is_header(s) for s in lines) - len(good))
+        self._lose(unreadable=sum(not format.is_header(line) for line in lines) - len(good))
         try:
             t, values = format.numbers(good)
         except DataError:
@@ -193,12 +189,8 @@ class RowReader:
         block = np.array(kept).reshape(-1, format.width) * format.scale
         return Rows(np.array(times), block[:, :nu], block[:, nu:], np.array(gaps, dtype=bool))
 
-    def _lose(self, unreadable: int = 0, incomplete: int = 0, doubled: int = 0) -> None:
-        self.lost = Lost(
-            self.lost.unreadable + max(unreadable, 0),
-            self.lost.incomplete + incomplete,
-            self.lost.doubled + doubled,
-        )
+    def _lose(self, **more: int) -> None:
+        self.lost = replace(self.lost, **{n: getattr(self.lost, n) + k for n, k in more.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +199,12 @@ class _Format:
 
     Attributes:
         table: of the first lines.
-        choice: which column is what.
         inputs, outputs: channels.
         dt: sample time [s].
         stamps: columns of the clock; none where rows are only counted, or it holds dates.
         zero: stamps of the first row.
         unit: seconds in a stamp's unit.
         dated: whether its clock holds dates.
-        header: cells of the header row.
     """
 
     table: Table
@@ -265,11 +255,6 @@ class _Format:
         return self.table.source
 
     @property
-    def rows(self) -> Sequence[str]:
-        """The data lines among the first ones."""
-        return self.layout.rows
-
-    @property
     def width(self) -> int:
         return len(self.inputs) + len(self.outputs)
 
@@ -284,7 +269,7 @@ class _Format:
     def is_row(self, line: str) -> bool:
         """Whether a line has as many cells as the header, and is not the header."""
         cells = split_line(line, self.layout.delimiter)
-        return len(cells) == len(self.layout.names) and tuple(cells) != self.layout.names
+        return len(cells) == len(self.layout.names) and not self.is_header(line)
 
     def numbers(self, lines: Sequence[str]) -> tuple[Array, Array]:
         """Instants [s] and signals as in the file; NaN where a cell is empty."""
@@ -300,7 +285,7 @@ class _Format:
             return self.unit * _combined(block[:, len(signals) :], self.zero), values
         if self.dated and self.choice.clock is not None:
             # after the first row: one row by itself shows no order of day and month
-            rows = DataLines([self.rows[0], *lines])
+            rows = DataLines([self.layout.rows[0], *lines])
             source = replace(source, rows=rows, lines=range(len(rows)))
             dates = replace(table, source=source).dates(self.choice.clock.name)
             assert dates is not None  # as the first row has one

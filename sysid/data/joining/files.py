@@ -56,11 +56,9 @@ class Series:
     """One file with its instants.
 
     Attributes:
-        table: its columns.
         t: instants of the rows [s], (N,).
         origin: what was subtracted from them [s], 0 for none.
         clock: names of the columns that make the time.
-        findings: what was said about its time.
     """
 
     table: Table
@@ -100,42 +98,12 @@ def joined(
         raise DataError(f"{other.name} has no column of numbers besides its time")
     shift, findings = _shift(log, second_series, known, options)
     where = f"{other.name} joined to {table.where}"
-    brought = _brought(log, shift.to_log(second_series.t), known, raw, where)
+    rows, columns, said = _brought(log, shift.to_log(second_series.t), known, raw, where)
     brackets = second_series.table.brackets
-    more = {called[n]: brackets[n] for n in names if called[n] in brought.columns}
-    wider = table.at(np.flatnonzero(brought.rows)).with_columns(brought.columns, more)
-    note = Finding("join", Severity.NOTE, brought.text(where), record=table.where)
+    more = {called[n]: brackets[n] for n in names if called[n] in columns}
+    wider = table.at(np.flatnonzero(rows)).with_columns(columns, more)
+    note = Finding("join", Severity.NOTE, f"{where}: {said}.", record=table.where)
     return wider, (*second_series.findings, *findings, note), data
-
-
-@dataclass(frozen=True, eq=False)
-class _Brought:
-    """Columns of the second file on the rows of the log.
-
-    Attributes:
-        columns: by name, one value a row that both cover.
-        rows: which rows of the log those are, (N,).
-        zero_order_hold: names of the columns that are held between their measurements.
-        changes: rows of a second file that is written only at changes; 0 for any other.
-    """
-
-    columns: dict[str, Array]
-    rows: NDArray[np.bool_]
-    zero_order_hold: tuple[str, ...]
-    changes: int
-
-    def text(self, where: str) -> str:
-        """What was done, as a sentence."""
-        lost = int(np.count_nonzero(~self.rows))
-        share = f"; {amount(lost, 'row')} of the log without its data left out" if lost else ""
-        brought = "was" if len(self.columns) == 1 else "were"
-        names = ", ".join(self.columns)
-        text = f"{where}: {names} {brought} interpolated at the rows of the log{share}"
-        if self.zero_order_hold:
-            why = f" (its {self.changes} rows are written at changes)" if self.changes else ""
-            are = "is" if len(self.zero_order_hold) == 1 else "are"
-            text += f"; {', '.join(self.zero_order_hold)} {are} held between them{why}"
-        return f"{text}."
 
 
 def _brought(
@@ -144,7 +112,7 @@ def _brought(
     known: Mapping[str, Array],
     raw: Mapping[str, Array],
     where: str,
-) -> _Brought:
+) -> tuple[NDArray[np.bool_], dict[str, Array], str]:
     """The columns at the rows of the log: what is measured by lines, what is commanded held.
 
     Args:
@@ -152,6 +120,10 @@ def _brought(
         known: its columns without empty cells, (M,) each.
         raw: the same as written.
         where: the two files, for the sentence.
+
+    Returns:
+        the rows of the log that both cover, (N,); the columns by name, a value each of these; and
+        what was done, in words.
     """
     order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
     by_events = is_event_log(log.t, at[order])
@@ -174,8 +146,15 @@ def _brought(
         series, period, low = without_turns(known[name])
         on_log = np.interp(log.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
-    columns = {n: columns[n] for n in known}
-    return _Brought(columns, rows, tuple(kept), len(order) if by_events else 0)
+    lost = len(rows) - count
+    were = "was" if len(known) == 1 else "were"
+    share = f"; {amount(lost, 'row')} of the log without its data left out" if lost else ""
+    said = f"{', '.join(known)} {were} interpolated at the rows of the log{share}"
+    if kept:
+        why = f" (its {len(order)} rows are written at changes)" if by_events else ""
+        are = "is" if len(kept) == 1 else "are"
+        said += f"; {', '.join(kept)} {are} held between them{why}"
+    return rows, {n: columns[n] for n in known}, said
 
 
 def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:

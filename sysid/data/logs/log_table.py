@@ -1,6 +1,6 @@
 """Read the table of a log of any kind: text, Parquet or a bag of ROS."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,27 +77,18 @@ def _column(table: Table, wanted: frozenset[str]) -> str | None:
     return fitting[0] if len(fitting) == 1 else None
 
 
-@dataclass(frozen=True, eq=False)
-class LogTable:
-    """A log before its columns are read.
-
-    Attributes:
-        table: its columns.
-        findings: what was done to make a table of it.
-        digest: the checksum of its bytes, to be continued with those of a second file.
-    """
-
-    table: Table
-    findings: tuple[Finding, ...]
-    digest: "_Hash"
-
-
-def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> LogTable:
+def read_log_table(
+    path: Path, options: ReadOptions, *, even: bool = True
+) -> tuple[Table, tuple[Finding, ...], "_Hash"]:
     """The table of a log.
 
     Args:
         path: CSV, Parquet, or a bag, for which ``options.map`` says what is which column.
         even: whether streams of a bag are to share even rows; other files are as they are.
+
+    Returns:
+        the table, what was done to make it, and the checksum of its bytes, to be continued with
+        those of a second file.
 
     Raises:
         UsageError: there is no such file, or an option does not fit it.
@@ -109,13 +100,11 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
         from sysid.data.bags.log import bag_table
 
         table, said = bag_table(path, options, even=even)
-        return LogTable(table, said, digest(path))
+        return table, said, digest(path)
     data = read_bytes(path)
     _check_no_bag_options(path, options)
     table = read_table(data, path.name, *options.of_text)
-    return LogTable(
-        replace(wide(table), date_order=options.date_order), table.findings, sha256(data)
-    )
+    return replace(wide(table), date_order=options.date_order), table.findings, sha256(data)
 
 
 def _check_no_bag_options(path: Path, options: ReadOptions) -> None:

@@ -23,7 +23,7 @@ from sysid.data.reading.row_times import numbered_clock, row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
-from sysid.data.units import Conversion, conversion
+from sysid.data.units import conversion
 from sysid.data.usable_rows import with_times
 from sysid.errors import DataError, UsageError
 
@@ -50,11 +50,9 @@ class SensorLog:
     """What sensors read over time.
 
     Attributes:
-        name: of the file.
         t: instants from the first row on, (N,) [s], rising.
         measurements: name → values in SI units, (N,); NaN where nothing was read.
         pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
-        findings: what there is to say about the reading.
         read_as: what was decided when it was read, and how to decide otherwise.
     """
 
@@ -75,7 +73,6 @@ def read_sensor_log(
     """Read the sensors that a log holds.
 
     Args:
-        wanted: the measurements to look for.
         columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
 
@@ -84,8 +81,7 @@ def read_sensor_log(
         UsageError: a column or unit named is not there.
     """
     path, options = Path(path), options or ReadOptions()
-    log = read_log_table(path, options, even=False)
-    table = log.table
+    table, of_file, _ = read_log_table(path, options, even=False)
     signs = {n: -1.0 if c.startswith("-") else 1.0 for n, c in (columns or {}).items()}
     named = {n: c.removeprefix("-") for n, c in (columns or {}).items()}
     places = _places(table, wanted, named, options.units)
@@ -125,7 +121,7 @@ def read_sensor_log(
         Decision("time", time_words(table, choice, stamps, clock.t), ("time", "units")),
         Decision("sensors", taken, ("sensor", "units")),
     )
-    said = (*log.findings, *without_time, *clock.findings, *findings)
+    said = (*of_file, *without_time, *clock.findings, *findings)
     return SensorLog(path.name, t, measurements, pose, said, read_as)
 
 
@@ -181,7 +177,7 @@ def _in_si(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) 
     values = table.columns((column,))[:, 0]
     if not unit or not wanted.unit:
         return values
-    known: Conversion = conversion(unit, column)
+    known = conversion(unit, column)
     if known.unit != wanted.unit:
         raise UsageError(
             f"{table.where}: {column} is in {unit}, but {wanted.name} needs {wanted.unit}; give "

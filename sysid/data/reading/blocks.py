@@ -29,9 +29,7 @@ class Blocks:
     """A large log.
 
     Attributes:
-        path: the file.
         rows: how many it has; of a text by the length of its first lines.
-        options: how it is read.
         head: the bytes above the first row of a text; empty of Parquet.
         line: bytes of a row of a text; 0 of Parquet.
     """

@@ -7,12 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.reading.time_column import (
-    STEADY,
-    TimeColumn,
-    unit_in_name,
-    unit_of,
-)
+from sysid.data.reading.time_column import STEADY, TimeColumn, unit_in_name, unit_of
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError, argument
 
@@ -42,8 +37,12 @@ SLOWEST = 900.0
 EXCEL_DAYS = (2e4, 8e4)
 """Range of a spreadsheet's day numbers for the years 1954 to 2119."""
 
-MODULI = (2.0**16, 2.0**32, 2.0**31, 2.0**24)
-"""Where counters of time start over: uint16, uint32, positive int32, 24 bits."""
+MODULI = (
+    *(m * s for s in (1.0, 1e-3, 1e-6) for m in (2.0**16, 2.0**32, 2.0**31, 2.0**24)),
+    *(86400.0, 3600.0),
+)
+"""Where clocks start over: uint16, uint32, positive int32 and 24 bits of counts, then of clocks
+already divided to milliseconds or seconds; and a day, an hour."""
 
 FIRST_WHOLE = 1e8
 """Instants [s] beyond three years are no time since a start: the first one is subtracted."""
@@ -56,7 +55,6 @@ class Clock:
     Attributes:
         t: instants [s], shape (N,).
         origin: what was subtracted from the stamps [s] (of an epoch, a date); 0 for none.
-        findings: what was seen and done.
     """
 
     t: Array
@@ -65,11 +63,7 @@ class Clock:
 
 
 def stated_unit(column: TimeColumn, bracket: str, given: str | None) -> float | None:
-    """The unit [s] of a time column by option, bracket or name; None where none is stated.
-
-    Raises:
-        UsageError: the unit asked for is none of time.
-    """
+    """The unit [s] of a time column by option, bracket or name; None where none is stated."""
     if given is not None:
         unit = unit_of(given)
         if unit is None:
@@ -124,14 +118,14 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     if not len(back) or not len(ahead):
         return raw, ()
     typical = float(np.median(ahead))
-    longest = float(np.max(np.delete(d, back[back > 0] - 1)))  # a damaged stamp leaps, then falls
-    for modulus in _moduli():
+    # a damaged stamp leaps and falls, or falls and leaps
+    beside = np.r_[back[back > 0] - 1, back[back < len(d) - 1] + 1]
+    longest = float(np.max(np.delete(d, beside), initial=0.0))
+    for modulus in MODULI:
         mended = d[back] + modulus
         steps = np.where(d < 0, d + modulus, d)
         usual = float(np.median(steps))
-        steady = (
-            float(np.mean(np.abs(steps / usual - 1.0) <= 0.5)) >= STEADY if usual > 0 else False
-        )
+        steady = usual > 0 and float(np.mean(np.abs(steps / usual - 1.0) <= 0.5)) >= STEADY
         fits = (mended >= 0.5 * typical) & (mended <= max(5.5 * typical, longest))
         if np.ptp(raw) <= modulus and steady and np.all(fits):
             turns = np.zeros(len(raw))
@@ -144,11 +138,6 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
             note = Finding("rollover", Severity.NOTE, text, record=where)
             return raw + modulus * np.cumsum(turns), (note,)
     return raw, ()
-
-
-def _moduli() -> tuple[float, ...]:
-    """In counts, then of clocks already divided to milliseconds or seconds; and a day, an hour."""
-    return (*(m * s for s in (1.0, 1e-3, 1e-6) for m in MODULI), 86400.0, 3600.0)
 
 
 def guessed_unit(t: Array, column: TimeColumn, where: str) -> tuple[float, tuple[Finding, ...]]:

@@ -48,7 +48,6 @@ class Choice:
 
     @property
     def time(self) -> str | None:
-        """Name of the time column, or None."""
         return self.clock.name if self.clock else None
 
 

@@ -21,7 +21,7 @@ from sysid.errors import DataError
 LARGEST = 1 << 31
 """Bytes that a compressed variable may unpack to."""
 DEEPEST = 8
-"""Structures inside structures that are looked into."""
+"""Structures inside structures, and objects inside objects, that are looked into."""
 
 _CELL, _STRUCT, _OBJECT, _OPAQUE = 1, 2, 3, 17
 _NUMERIC = range(6, 16)
@@ -137,8 +137,6 @@ def _fields(parts: Iterator[tuple[int, bytes]], order: str) -> list[str]:
     return [text[k : k + width].rstrip(b"\0").decode("latin-1") for k in starts] or [""]
 
 
-MAX_DEPTH = 8
-"""Objects inside objects that are looked into."""
 HDF5_AT = 512
 """Byte at which HDF5 begins in a MATLAB file of version 7.3, behind MATLAB's own words."""
 
@@ -191,7 +189,7 @@ def _json_lines(text: str, where: str) -> Iterator[Any]:
 
 def _of_content(content: Any) -> Columns:
     """Columns of a list of objects, or of an object of lists, which may stand in another one."""
-    for _ in range(MAX_DEPTH):
+    for _ in range(DEEPEST):
         if isinstance(content, list):
             rows = [dict(_flat(row)) for row in content if isinstance(row, Mapping)]
             names = dict.fromkeys(name for row in rows for name in row)
@@ -200,7 +198,8 @@ def _of_content(content: Any) -> Columns:
             return {}
         vectors = {n: v for n, v in _flat(content) if isinstance(v, list) and len(v) > 1}
         if any(not isinstance(v[0], Mapping) for v in vectors.values()):
-            return _of_one_length(vectors)
+            usual = _usual([len(v) for v in vectors.values()])
+            return {n: v for n, v in vectors.items() if len(v) == usual}
         if not vectors:
             return {}
         content = max(vectors.values(), key=len)  # {"meta": …, "samples": [{…}, {…}]}
@@ -210,29 +209,22 @@ def _of_content(content: Any) -> Columns:
 def _flat(row: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
     """The values of an object, those of objects inside it as ``outer.inner``."""
     for name, value in row.items():
-        if isinstance(value, Mapping) and depth < MAX_DEPTH:
+        if isinstance(value, Mapping) and depth < DEEPEST:
             yield from _flat(value, f"{prefix}{name}.", depth + 1)
         else:
             yield f"{prefix}{name}", value
 
 
-def _of_one_length(vectors: Mapping[str, Sequence[Any]]) -> Columns:
-    """The vectors of the length that most of them have."""
-    lengths = [len(v) for v in vectors.values()]
-    usual = max(lengths, key=lambda n: (lengths.count(n), n), default=0)
-    return {
-        n: v if isinstance(v, np.ndarray) else list(v)
-        for n, v in vectors.items()
-        if len(v) == usual
-    }
+def _usual(lengths: Sequence[int]) -> int:
+    """The length that most have, of several the largest."""
+    return max(lengths, key=lambda n: (lengths.count(n), n), default=0)
 
 
 def _of_arrays(arrays: Iterable[tuple[str, Any]]) -> Columns:
     """Vectors, and the columns of matrices whose longer side is as long as most vectors are."""
     numbers = {n: np.asarray(v) for n, v in arrays if isinstance(v, np.ndarray)}
     numbers = {n: v for n, v in numbers.items() if v.dtype.kind in "biuf" and 1 <= v.ndim <= 2}
-    lengths = [max(v.shape) for v in numbers.values() if v.size]
-    usual = max(lengths, key=lambda n: (lengths.count(n), n), default=0)
+    usual = _usual([max(v.shape) for v in numbers.values() if v.size])
     columns: Columns = {}
     for name, value in numbers.items():
         if not value.size or max(value.shape) != usual or usual < 2:

@@ -321,9 +321,6 @@ def as_speeds(
         values: (N, n), without jumps.
         outputs: output → its unit.
         speed_of: outputs to be replaced.
-
-    Raises:
-        UsageError: one of them is no output.
     """
     for name in speed_of:
         if name not in outputs:

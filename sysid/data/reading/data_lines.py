@@ -41,7 +41,6 @@ class Tail:
         separator: between cells.
         cells: of each line.
         first: line number of the first one in the file, counted from 1.
-        count: how many lines.
     """
 
     data: bytes
@@ -52,7 +51,6 @@ class Tail:
 
     @property
     def numbers(self) -> range:
-        """The line numbers in the file."""
         return range(self.first, self.first + self.count)
 
 
@@ -72,9 +70,10 @@ def cut_tail(data: bytes) -> tuple[bytes, Tail] | None:
     signs = np.frombuffer(tail, dtype=np.uint8)
     ends = signs[(signs == used[0][0]) | (signs == ord("\n"))] == ord("\n")
     cells = int(np.argmax(ends)) + 1
-    if len(ends) % cells or not _ends_each_line(ends.reshape(-1, cells)):
+    if len(ends) % cells or not are_numbers(signs):
         return None
-    if not are_numbers(signs):
+    of_line = ends.reshape(-1, cells)  # a newline stands behind the last cell and nowhere else
+    if not of_line[:, -1].all() or of_line[:, :-1].any():
         return None
     return data[:at], Tail(tail, used[0].decode(), cells, HEAD + 1, len(ends) // cells)
 
@@ -95,11 +94,6 @@ def are_numbers(signs: NDArray[np.uint8]) -> bool:
         return False
     cell = np.cumsum(kinds == _END, dtype=np.int32)
     return all(np.all(np.diff(cell[kinds == once])) for once in (_POINT, _EXPONENT))
-
-
-def _ends_each_line(ends: NDArray[np.bool_]) -> bool:
-    """Whether a newline stands behind the last cell of each line and nowhere else."""
-    return bool(ends[:, -1].all() and not ends[:, :-1].any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +139,6 @@ class DataLines(Sequence[str]):
         return any(sign in line for line in self.head)
 
     def numbers(self, separator: str, columns: Sequence[int]) -> Array | None:
-        """Columns (N, n) of lines that hold nothing but numbers; None for other or long ones."""
         if len(self) > NUMPY_ROWS:
             return None
         sep = None if separator == " " else separator

@@ -283,15 +283,16 @@ def _are_foreign(lines: Sequence[str], data: str) -> bool:
     """
     if not _is_value(_tokens(data)[0]):
         return not lines  # rows that begin with a word look like what stands in a title block
-    bare = [line for line in lines if not _is_labelled(line)]
+    known = (*MISSING, *STATES)
+    firsts = [_tokens(line)[0] for line in lines]
+    bare = [
+        line
+        for line, first in zip(lines, firsts, strict=True)
+        if _is_value(first) or first.lower() in known
+    ]
     sep = _sign_of(data)
     wanted = len(cells_of(data.rstrip(sep), sep))
     return len(bare) < 2 and all(len(cells_of(b.rstrip(sep), sep)) != wanted for b in bare)
-
-
-def _is_labelled(line: str) -> bool:
-    first = _tokens(line)[0]
-    return not _is_value(first) and first.lower() not in (*MISSING, *STATES)
 
 
 def _is_value(cell: str) -> bool:

@@ -37,11 +37,7 @@ Mask = NDArray[np.bool_]
 
 
 def given_codes(missing: Sequence[str]) -> tuple[float, ...] | None:
-    """The codes that an option names: none for "none", None where it names nothing.
-
-    Raises:
-        UsageError: one is not a number.
-    """
+    """The codes that an option names: none for "none", None where it names nothing."""
     if not missing:
         return None
     if tuple(missing) == ("none",):
@@ -65,9 +61,6 @@ def without_codes(
         names: of the columns, the inputs first.
         nu: the number of inputs; only nines are a code there, for 0 is a command.
         missing: codes by option, see ``given_codes``.
-
-    Raises:
-        UsageError: an option names something else than numbers.
     """
     codes = given_codes(missing)
     out = values.copy()

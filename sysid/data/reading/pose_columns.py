@@ -81,9 +81,6 @@ def pose_conversions(
         pose: column names of x, y, angle.
         brackets: column name → unit in brackets, empty where there is none.
         units: column name → unit by option.
-
-    Raises:
-        UsageError: a unit is not known, or is none of a length or of an angle.
     """
     conversions = []
     for axis, name in zip(AXES, pose, strict=True):

@@ -24,11 +24,7 @@ Units = tuple[Conversion, ...]
 def usable_pose(
     choice: Choice, brackets: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[Choice, Units]:
-    """The choice with its pose if the units can be read, else without it and with the reason.
-
-    Raises:
-        UsageError: a unit that was given by option is none of a length or an angle.
-    """
+    """The choice with its pose if the units can be read, else without it and with the reason."""
     if not choice.pose:
         return choice, ()
     try:

@@ -18,6 +18,7 @@ from sysid.data.column_words import (
     has_result_unit,
     is_actuator,
     is_ambient,
+    is_battery,
     is_set_point,
     may_drive,
     meaning,
@@ -57,8 +58,8 @@ def roles(
     Inputs, the first of these that there are: columns called so (``u…``, ``in…``); commands to an
     actuator; voltages and other words that are measured as often as commanded, and columns whose
     name says nothing; torques, currents and frequencies beside what they move, and set points;
-    measurements. Outputs: columns called so (``y…``, ``out…``); measurements that drive nothing;
-    columns in a unit that a sensor reads; the columns that are left.
+    measurements; a power supply. Outputs: columns called so (``y…``, ``out…``); measurements that
+    drive nothing; columns in a unit that a sensor reads; the columns that are left.
 
     Args:
         free: the columns that can be a signal, in the order of the file, with the units that
@@ -84,7 +85,12 @@ def roles(
     found = _of([*columns], free, names, given_u, given_y)
     moving = [n for n, c in columns.items() if _moves(c)]
     narrower = _of(moving, free, names, given_u, given_y)
-    return narrower if narrower.inputs and narrower.outputs else found
+    found = narrower if narrower.inputs and narrower.outputs else found
+    if {*found.inputs} != {*found.outputs}:
+        return found
+    moves = {n: np.count_nonzero(np.diff(c[np.isfinite(c)])) for n, c in columns.items()}
+    held_first = sorted(found.inputs, key=lambda f: sum(moves[n] for n in f))  # as a command is
+    return Roles(tuple(held_first), found.outputs)
 
 
 def _of(
@@ -132,6 +138,7 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
         _families([*driving, *unread]) if driving else [],
         _families([*(unread or unknown), *(effects if len(outputs) > 1 else ())]),
         _families(effects),
+        _families([n for n, m in meant.items() if m.quantity == "supply" and not is_battery(n)]),
     ]
     for inputs in ways:
         able = [(u, y) for u in inputs for y in outputs if not set(u) & set(y)]
@@ -141,7 +148,8 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
         if outputs and not (given_u or given_y or called_y or effects):
             single = tuple((n,) for n in (*unknown, *drives))
             return Roles(single if len(single) > 1 else (), single)  # as a scope's channels
-        return Roles(tuple(next(filter(None, ways), [])), tuple(outputs))
+        left = [u for u in next(filter(None, ways), []) if u not in outputs]
+        return Roles(tuple(left), tuple(outputs))
     either = [n for family in (*inputs, *outputs) for n in family]
     if not (given_u or given_y or called_y or commands or driving) and {*inputs[0]} <= {*unknown}:
         speeds = [n for n in either if meant[n].quantity == "speed"]

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.reading.clock import (
-    FIRST_WHOLE,
-    Clock,
-    instants,
-    stated_unit,
-    unrolled,
-)
+from sysid.data.reading.clock import FIRST_WHOLE, Clock, instants, stated_unit, unrolled
 from sysid.data.reading.table import Table, number_of
 from sysid.data.reading.time_column import Numbers, TimeColumn, is_steady
 from sysid.data.record import Array
@@ -47,7 +41,7 @@ class ColumnReader:
 MORE_DIGITS = "log it with more digits"
 
 MOST_SERIES = 50
-"""Names in a column beyond which it tells no machines apart."""
+"""Names in a column beyond which it separates no machines."""
 
 
 def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
@@ -59,7 +53,7 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
         keys, of = np.unique(table.texts(name), return_inverse=True)
         if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
             return (
-                f"column {name} tells {len(keys)} series apart ({', '.join(keys[:3])}) with a "
+                f"column {name} separates {len(keys)} series ({', '.join(keys[:3])}) with a "
                 "time each: write the rows of each to a file of its own"
             )
     columns = {n: read(n) for n in others}
@@ -176,9 +170,9 @@ def _row_times(
     bracket = table.brackets.get(column.name, "")
     unit = stated_unit(column, bracket, given)
     if unit is None and ts is not None:
-        unit = 1.0  # the option says what a step is; the column only says which rows are missing
-        clock = instants(raw, column, unit, where, table.place)
-        return _scaled(clock, column, ts, where, raw)
+        # the option says what a step is; the column only says which rows are missing
+        clock = instants(raw, column, 1.0, where, table.place)
+        return _scaled(clock, column, ts, where)
     return _checked(instants(raw, column, unit, where, table.place), column, ts, where)
 
 
@@ -188,7 +182,7 @@ def median_step(t: Array) -> float:
     return step if step > 0 else 1.0
 
 
-def _scaled(clock: Clock, column: TimeColumn, ts: float, where: str, raw: Array) -> Clock:
+def _scaled(clock: Clock, column: TimeColumn, ts: float, where: str) -> Clock:
     """Stamps of unknown unit under a sample time by option."""
     step = median_step(clock.t)
     for unit in (1.0, 1e-3, 1e-6, 1e-9):

@@ -245,7 +245,6 @@ class SlowSensors:
         rows: rows of the file that make one sample at the slowest sensor's rate; 1 for none.
         values: the columns, with repeats replaced by what lies between fresh measurements.
         fresh: rows that hold a new measurement of a slow output, (N,).
-        findings: what was seen and done.
     """
 
     rows: int
@@ -336,11 +335,7 @@ def at_sensor_rate(record: Record, slow: SlowSensors, t: Array, rows: slice) -> 
 
 
 def check_held(how: str) -> str:
-    """``auto``, ``keep`` or a number of rows.
-
-    Raises:
-        UsageError: it is none of these.
-    """
+    """``auto``, ``keep`` or a number of rows."""
     if how in ("auto", "keep") or (whole(how) or 0) >= 1:
         return how
     raise UsageError(f"`held` is auto, keep or a number of rows per sample, got {how!r}")

@@ -34,7 +34,6 @@ class Rows:
     """Rows without a text: every column is in ``Table.extra``.
 
     Attributes:
-        count: how many.
         at: where row k is to be found, for a message: ``at 12.3 s``; (count,) instants [s].
     """
 
@@ -416,25 +415,20 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
     return Table(where, names, units, notes, source)
 
 
-def _parquet(data: bytes, where: str) -> "pd.DataFrame":
+def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":
+    """The columns of a file that is no text table, None for one that is."""
+    parquet = data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq"))
+    columns = None if parquet else container(data, where)
+    if columns is None and not parquet:
+        return None
     import pandas as pd
 
+    if columns is not None:
+        return pd.DataFrame(columns)
     try:
         return pd.read_parquet(io.BytesIO(data))
     except Exception:  # pyarrow's errors share no base class
         raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
-
-
-def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":
-    """The columns of a file that is no text table, None for one that is."""
-    if data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq")):
-        return _parquet(data, where)
-    columns = container(data, where)
-    if columns is None:
-        return None
-    import pandas as pd
-
-    return pd.DataFrame(columns)
 
 
 def _is_text(column: "pd.Series[Any]") -> bool:

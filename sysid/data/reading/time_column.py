@@ -27,10 +27,8 @@ COUNTERS = (
 
 UNIT_WORDS: dict[str, float] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), 1.0),
-    **dict.fromkeys(
-        ("ms", "msec", "msecs", "millis", "milli", "millisecond", "milliseconds"), 1e-3
-    ),
-    **dict.fromkeys(("millisekunden", "milliseconds"), 1e-3),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milli", "millisecond"), 1e-3),
+    **dict.fromkeys(("milliseconds", "millisekunden"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "usecs", "micros", "micro", "microsecond"), 1e-6),
     **dict.fromkeys(("microseconds", "mikrosekunden"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecond", "nanoseconds"), 1e-9),
@@ -69,7 +67,6 @@ class TimeColumn:
     """The column with the time of every row.
 
     Attributes:
-        name: the column.
         fine: a second column that holds the fraction of a second in nanoseconds, or None.
         counts: whether it only counts rows.
         by_name: whether its name says so; else it was the only steady first column.

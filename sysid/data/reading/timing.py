@@ -96,7 +96,6 @@ class Grid:
     Attributes:
         dt: sample time, in the unit of the time given.
         segments: the experiments; those that are not ``even`` need ``onto_grid``.
-        findings: what was seen and done.
     """
 
     dt: float
@@ -105,11 +104,7 @@ class Grid:
 
 
 def check_policy(policy: str) -> ResamplePolicy:
-    """The policy, if it is one.
-
-    Raises:
-        UsageError: it is not; the sentence lists them.
-    """
+    """The policy, if it is one."""
     if policy not in POLICIES:
         raise UsageError(f"unknown `resample` {policy!r}; choose one of {', '.join(POLICIES)}")
     return policy  # type: ignore[return-value]

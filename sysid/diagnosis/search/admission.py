@@ -1,5 +1,7 @@
 """Admissible candidates: parameters away from null values and bounds; and the test for ties."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,9 @@ from sysid.effects.base import Place, StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 from sysid.effects.sensor import MOST_SAMPLED
 from sysid.fitting.holdout import Errors
+
+SLOWER = 5.0
+"""Time constants of the core after which its own response has ended (to 1 %)."""
 
 
 def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
@@ -66,6 +71,8 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
         return True  # no number of its own is searched: it is read off the data, or the core's are
     if not beyond_sampling(model, id, candidate.q).any():
         return False
+    if about(id).hints.gathers and not _slower(model, candidate, own_parameters):
+        return False
     first = about(id).parameters[0].name
     inside = []
     for k in own_parameters:
@@ -77,6 +84,14 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
             ended = p.name == first and not p.of.at_null
         inside.append((not ended, abs(value - p.null) > 0.02 * p.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)
+
+
+def _slower(model: FullModel, candidate: CandidateModel, own: Sequence[int]) -> bool:
+    """Whether an effect that comes on slowly does so by time constants well beyond the core's: near
+    these it bends its response, whatever the unit of time."""
+    core = model.time_constants(candidate.q)
+    own = [k for k in own if model.parameters[k].of.unit == "s"]
+    return all(candidate.q[k] >= SLOWER * core[max(model.parameters[k].track, 0)] for k in own)
 
 
 def tied(best: CandidateModel, other: CandidateModel, logs: Logs | None = None) -> bool:

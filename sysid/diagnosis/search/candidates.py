@@ -38,6 +38,7 @@ class CandidateSearch:
         weights: weights of the samples of both parts, (N, tracks) a record; all 1 when None.
         needed: what the held-out error must fall below, as a share of before.
         fixed_core: whether the base is given and stays as it is.
+        later: samples by which each of several inputs acts later than ``delay``.
     """
 
     def __init__(
@@ -51,15 +52,16 @@ class CandidateSearch:
         weights: tuple[Sequence[Array], Sequence[Array]] | None = None,
         needed: float = RULE.held_out,
         fixed_core: bool = False,
+        later: tuple[int, ...] = (),
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
-        self.scales, self.delay = scales, delay
+        self.scales, self.delay, self.later = scales, delay, later
         known, known_holdout = LogFacts.of(estimation), LogFacts.of(holdout)
         self.estimation, self.holdout = known.records, known_holdout.records
         fitted, judged = weights if weights is not None else (None, None)
         self.logs = logs_of(self.estimation, self.holdout)
-        self.data = prepare(known, scales, delay, fitted, logs=self.logs.estimation)
-        self.holdout_data = prepare(known_holdout, scales, delay, judged, self.logs.holdout)
+        self.data = prepare(known, scales, delay, fitted, self.logs.estimation, later)
+        self.holdout_data = prepare(known_holdout, scales, delay, judged, self.logs.holdout, later)
         owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core
@@ -96,7 +98,7 @@ class CandidateSearch:
     ) -> CandidateModel:
         """A candidate model with its errors on both parts."""
         touched = np.ones(self.model.tracks, dtype=bool) if touched is None else touched
-        if self.holdout != self.estimation and edges_of(self.model, free):
+        if edges_of(self.model, free):
             q = between_levels(self.model, q, free, self.data, self.holdout_data)
         errors = Errors(
             self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)

@@ -138,6 +138,12 @@ class ParameterTable:
         at = [k for k in self.of("core") if self.parameters[k].side == track]
         return float(q[at[0]]), q[at[1 : self.order + 1]], q[at[self.order + 1 :]]
 
+    def time_constants(self, q: Array) -> Array:
+        """The slowest time constant of each track's core [s], (tracks,)."""
+        slowest = [np.abs(np.roots(np.append(1.0, self.core(q, i)[1]))) for i in range(self.tracks)]
+        poles = np.array([np.max(p, initial=1e-300) for p in slowest])
+        return np.asarray(self.dt / -np.log(np.clip(poles, 1e-300, 1.0 - 1e-9)))
+
     def set_core(
         self, q: Array, track: int, gain: float, f: Array, b: Array | Sequence[float] = ()
     ) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
-from sysid.structures.augmented.chain import drive_before
+from sysid.structures.augmented.chain import share_before
 from sysid.structures.augmented.kernel import Signals
 
 OVERFLOW = 1e300
@@ -23,7 +23,7 @@ class Data:
     Attributes:
         drive: commands in units of full drive, (M, tracks), or (M, inputs) of one track.
         y: measurements, (M, tracks).
-        moving: 1 in records that begin in motion, 0 where the command begins with the record,
+        moving: share of its first drive under which a record begins (``share_before``),
             as ``drive``.
         counted: angle integrated from the measurements before each, (M, tracks).
         t: time since the start of the record, or of what a piece was taken from, (M, 1).
@@ -76,6 +76,7 @@ def prepare(
     delay: int,
     weights: Sequence[Array] | None = None,
     logs: Sequence[int] | None = None,
+    later: Sequence[int] = (),
 ) -> Data:
     """Stack records.
 
@@ -83,9 +84,10 @@ def prepare(
         delay: whole samples of dead time; 0 where the command of a row acted before its reading.
         weights: weight of each sample of each record, (N, tracks).
         logs: which of several logs each record belongs to; all to the first when None.
+        later: samples by which each of several inputs acts later still.
     """
     facts = LogFacts.of(data)
-    records, shift = facts.records, delay - 1
+    records = facts.records
     lengths = tuple(map(len, records))
     starts = np.cumsum([0, *lengths[:-1]])
     total = sum(lengths)
@@ -95,11 +97,11 @@ def prepare(
         d = r.u / scales
         if r.nu == 1:  # all outputs have it
             d = np.repeat(d, r.ny, axis=1)
-        before = drive_before(d[0], r.y)
-        rows = np.arange(len(d)) - shift
-        drive.append(np.where(rows[:, None] < 0, before, d[np.clip(rows, 0, len(d) - 1)]))
-        begins = drive[-1][0] if delay else d[0]
-        moving.append(np.tile(np.where(before == begins, 1.0, 0.0), (len(d), 1)))
+        share = share_before(d, r.y)
+        rows = np.arange(len(d))[:, None] - (delay - 1) - np.array(later or 0)
+        delayed = np.take_along_axis(d, np.broadcast_to(np.clip(rows, 0, len(d) - 1), d.shape), 0)
+        drive.append(np.where(rows < 0, share * d[0], delayed))
+        moving.append(np.broadcast_to(np.where(rows[0] < 0, 1.0, share), d.shape))
     since = [np.zeros(1 + r.ny) if r.since is None else r.since for r in records]
     counted = [(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]
     t = [r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]

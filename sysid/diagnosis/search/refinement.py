@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.batched_search import FLAT, best_tracks, search
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
@@ -219,27 +220,38 @@ def _best(model: FullModel, rows: Sequence[Array], data: Data) -> Array:
 def between_levels(
     model: FullModel, q: Array, free: Sequence[int], data: Data, holdout: Data
 ) -> Array:
-    """An item whose edges suit the held-out records as far as the others leave them open.
+    """An item whose edges suit the held-out samples as far as the others leave them open.
 
     Between two neighbouring levels of the command an edge, and what jumps there, may move together
-    without any change of the run on ``data``; a level of ``holdout`` in between decides.
+    without any change of the run on ``data``; a level of ``holdout`` in between decides, where it
+    matters to it.
     """
     rows = [q]
     for i, edges, jumps in _by_track(model, free):
         if not jumps:
             continue
-        ends = [_open(data.drive[:, max(i, 0)] * model.parameters[k].of.edge, q[k]) for k in edges]
+        drive = data.drive[data.weight[:, min(max(i, 0), model.tracks - 1)] > 0.0, max(i, 0)]
+        ends = [_open(drive * model.parameters[k].of.edge, q[k]) for k in edges]
         room = np.array(ends) - q[edges][:, None]
         low, high = max(np.max(room[:, 0]), -np.min(q[jumps])), np.min(room[:, 1])
+        if not np.isfinite(low + high):
+            continue
         for shift in np.linspace(low, high, MOST // 2 + 1)[1:-1]:
             row = q.copy()
             row[[*edges, *jumps]] += shift
             rows.append(row)
-    return _best(model, [np.array(rows)], holdout)[0] if len(rows) > 1 else q
+    if len(rows) == 1:
+        return q
+    moved = _best(model, [np.array(rows)], holdout)[0]
+    now, then = np.sqrt(holdout.squared_error(model.run(np.array([q, moved]), holdout)).sum(axis=1))
+    return moved if RULE.tie * then < now else q
 
 
 def _open(drive: Array, now: float) -> tuple[float, float]:
-    """The neighbouring levels of the command below and above an edge."""
+    """The neighbouring levels of the command below and above an edge; of a side that is never
+    commanded there are none."""
     levels = np.unique(drive[drive > 0.0])
+    if not len(levels):
+        return -np.inf, np.inf
     below, above = levels[levels <= now], levels[levels > now]
     return (float(below[-1]) if len(below) else now, float(above[0]) if len(above) else now)

@@ -61,9 +61,10 @@ class FittedShape:
 
     @property
     def follows_anything(self) -> bool:
-        """Whether it is a drift that has, with the core, more numbers than the command has moves:
-        whatever these do to the output, it can do, too."""
-        return self.drifts and self.numbers + self.track.own.shape[1] > self.track.moves
+        """Whether it is a free curve that has, with the core, more numbers than the command has
+        moves: whatever these do to the output, it can do, too."""
+        free = self._terms.penalty is not None
+        return free and self.numbers + self.track.own.shape[1] > self.track.moves
 
     @property
     def explained(self) -> float:

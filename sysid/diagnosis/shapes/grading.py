@@ -5,11 +5,13 @@ the data: by the rule of acceptance, with the numbers of both counted. At the sa
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
 shape with as few numbers as a law takes its place. A drift, a free curve of time, withholds only
 names that explain less than four fifths of it. One of more numbers than the command has moves
-follows anything: it is told only where no other shape explains half as much.
+follows anything: it is told only where no other shape explains half as much. A column of the log
+that is not used may as well follow the output as act on it: it takes no name's place, and comes
+before time only.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,22 +89,47 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
     found = []
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
-        if not passed:
-            continue
-        shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
-        passed = [
-            s
-            for s in passed
-            if not s.shape.in_time
-            or (s.follows_anything and max(shown, of_signals[i]) < SHAPES.of_signals * s.share)
-            or (not s.follows_anything and of_signals[i] < s.share)
-        ]
-        if not passed:
-            continue
-        near = [s for s in passed if s.score > passed[0].score - SHAPES.near]
-        best = min(near, key=lambda s: s.numbers)
-        found.append(_found(best))
+        shown = max((s.share for s in passed if not s.shape.last_resort), default=0.0)
+        told = [s for s in passed if _is_told(s, shown, of_signals[i])]
+        near = [s for s in told if s.score > told[0].score - SHAPES.near]
+        best = min(near, key=lambda s: s.numbers, default=None)
+        if best is None or best.shape.in_time:
+            least = SHAPES.of_signals if best is None else SHAPES.of_names * best.share
+            unused = (s for s in passed if s.shape.place is ShapePlace.UNUSED and s.share > least)
+            best = next(unused, best)
+        if best is not None:
+            found.append(_beside_drift(best, passed) if best.follows_anything else _found(best))
     return tuple(found)
+
+
+def _is_told(s: FittedShape, shown: float, of_signals: float) -> bool:
+    """Whether a proven shape may be told first; of those of time what nothing else explains.
+
+    Args:
+        shown: share of the excess error that the best shape of the machine itself explains.
+        of_signals: the same of commands and outputs together.
+    """
+    if not s.shape.last_resort:
+        return True
+    if s.drifts and s.follows_anything:
+        return max(shown, of_signals) < SHAPES.of_signals * s.share
+    return s.shape.in_time and of_signals < s.share
+
+
+def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShape:
+    """A free curve on a log of few moves, and a drift with clearly more evidence there, its many
+    numbers counted: either may be what happened."""
+    found = _found(best)
+    drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
+    if drift is not None and best.score > SHAPES.clearly_more * drift.score:
+        return found
+    if drift is None or best.shape.in_time:
+        return found
+    sentence = (
+        f"{found.sentence}; or {drift.says()[0]}: {best.track.command.name} moves only "
+        f"{best.track.moves} times here, too few to distinguish them"
+    )
+    return replace(found, place=f"{found.place} or {drift.shape.place.value}", sentence=sentence)
 
 
 def _found(shape: FittedShape, effect: str = "") -> FoundShape:
@@ -170,6 +197,7 @@ def better_shape(
             for s in fitted
             if s.index == i
             and s.proven
+            and s.shape.place is not ShapePlace.UNUSED
             and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
             and not (s.drifts and _named(s, selection.final.errors))
         ]

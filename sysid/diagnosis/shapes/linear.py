@@ -140,10 +140,10 @@ def _swings(track: Track, tried: Array) -> Array:
 
 def tie(track: Track) -> Terms | None:
     """The other track's command, speed and change of speed in this one's torque."""
-    if track.other_drive is None or track.other_speed is None:
+    if track.other_speed is None:
         return None
     other = track.other_speed
-    columns = np.column_stack([track.other_drive, other, other - track.past(other, 1)])
+    columns = np.column_stack([track.inputs[:, 1], other, other - track.past(other, 1)])
     moved = track.through(columns)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:

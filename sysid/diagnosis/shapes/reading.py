@@ -16,7 +16,8 @@ NORMAL = 1.96
 def own_feedback(track: Track, fit: Fit) -> float:
     """What the fit adds to the speed's own part of the torque."""
     n = 0 if track.fixed else len(track.f)
-    return float(np.sum(fit.own[n : 2 * n]))
+    first = n * (track.inputs.shape[1] if track.adds_inputs else 1)
+    return float(np.sum(fit.own[first : first + n]))
 
 
 def static_gain(track: Track, fit: Fit) -> float:

@@ -20,6 +20,7 @@ class ShapePlace(Enum):
     SPEED = "speed"
     READING = "reading"
     TIME = "time"
+    UNUSED = "unused column"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,12 @@ class Shape:
     terms: Callable[[Track], Terms | None]
     of_motion: bool = False
     of_speed: bool = False
+
+    @property
+    def last_resort(self) -> bool:
+        """Whether it says nothing of the machine: of its clock, or of a column that may as well
+        follow the output as act on it."""
+        return self.place in (ShapePlace.TIME, ShapePlace.UNUSED)
 
     @property
     def in_time(self) -> bool:

@@ -1,6 +1,6 @@
 """All shapes, one line a kind."""
 
-from sysid.diagnosis.shapes import linear, over_command, over_speed, over_time
+from sysid.diagnosis.shapes import between_inputs, linear, over_command, over_speed, over_time
 from sysid.diagnosis.shapes.shape import Shape
 
 SHAPES: tuple[Shape, ...] = (
@@ -8,5 +8,6 @@ SHAPES: tuple[Shape, ...] = (
     *over_command.SHAPES,
     *over_speed.SHAPES,
     *linear.SHAPES,
+    *between_inputs.SHAPES,
 )
 """In the order in which equals are preferred."""

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.selection import CandidateModel
 
@@ -25,7 +26,17 @@ BLOCKS_OF_TIME, LEAST_BLOCK = 60, 8
 A_MOVE = 0.1
 """Share of the command's range that a move of it takes at least."""
 
+SAME = 0.98
+"""Columns of this correlation say the same."""
+
 Mask = NDArray[np.bool_]
+
+
+class Signal(NamedTuple):
+    """What a log holds beside command and output of a track, (N,)."""
+
+    name: str
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +45,15 @@ class Track:
 
     Attributes:
         starts: first row of each record, and N.
-        drive, other_drive: commands in units of full drive; the other one None without a track.
-        measured, other_speed: measurements, gaps bridged.
+        drive: command in units of full drive; of several inputs of one output their sum, in units
+            of the first.
+        inputs: what ``drive`` is the sum of, or the own command and those of others, (N, m).
+        channels: of ``inputs``.
+        adds_inputs: whether all of them act on the output.
+        measured, other_speed: measurements, gaps bridged; the other one None without a track.
+        others: what else the log holds: commands as they were given, the other track's
+            measurements.
+        unused: columns that were chosen for nothing, but for those that say the same as the output.
         run, error: free run of the candidate model, and measured minus simulated.
         speed: the speed that terms depend on.
         t: time since the start of each log [s].
@@ -52,9 +70,13 @@ class Track:
     starts: tuple[int, ...]
     dt: float
     drive: Array
-    other_drive: Array | None
+    inputs: Array
+    channels: tuple[Channel, ...]
+    adds_inputs: bool
     measured: Array
     other_speed: Array | None
+    others: tuple[Signal, ...]
+    unused: tuple[Signal, ...]
     run: Array
     speed: Array
     error: Array
@@ -121,7 +143,8 @@ class Track:
         if self.fixed:
             return np.empty((len(self.drive), 0))
         lags = range(len(self.f))
-        inputs = [self.past(self.drive, k) for k in lags]
+        acting = self.inputs.T if self.adds_inputs else [self.drive]
+        inputs = [self.past(d, k) for d in acting for k in lags]
         outputs = [self.past(self.speed, k) for k in lags]
         columns = [*inputs, *outputs, *([np.ones_like(self.drive)] if self.level else [])]
         return self.through(np.column_stack(columns))
@@ -147,6 +170,8 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
     counts = [sum(d.lengths) for d in data]
     whole = [d.y[:n] for d, n in zip(data, counts, strict=True)]
     lengths = [n for d in data for n in d.lengths]
+    records = search.estimation if blocks else (*search.estimation, *search.holdout)
+    beside = _beside(records, search.scales)
     y, run = np.concatenate(whole), np.concatenate(runs)
     drive = np.concatenate([d.drive[:n] for d, n in zip(data, counts, strict=True)])
     t = np.concatenate([d.t[:n, 0] for d, n in zip(data, counts, strict=True)])
@@ -155,10 +180,7 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
     model, first, tracks = search.model, search.estimation[0], []
     for i in range(model.tracks):
         gain, f, tail = model.core(candidate.q, i)
-        own = drive[:, i]
-        if model.inputs > model.tracks:  # of several inputs their sum, in units of the first
-            gains = candidate.q[[model.index["core", "gain", k] for k in range(model.inputs)]]
-            own = drive @ gains / gain if gain else own
+        channels, inputs = _inputs(search, candidate, drive, i)
         b = np.append(1.0 + np.sum(f) - np.sum(tail), tail)
         j = 1 - i if model.tracks == 2 else None
         there = fitted[:, i] | judged[:, i]
@@ -168,10 +190,14 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
             Track(
                 starts,
                 model.dt,
-                own,
-                None if j is None else drive[:, j],
+                inputs.sum(axis=1) if model.inputs > model.tracks else drive[:, i],
+                inputs,
+                channels,
+                model.inputs > model.tracks,
                 speed,
                 None if j is None else _bridged(y[:, j], fitted[:, j] | judged[:, j], starts),
+                (*beside[0], *([] if j is None else [Signal(first.outputs[j].name, y[:, j])])),
+                tuple(c for c in beside[1] if not _same(c.values, speed)),
                 run[:, i],
                 run[:, i],
                 np.where(there, y[:, i] - run[:, i], np.nan),
@@ -192,6 +218,40 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
             )
         )
     return tuple(tracks)
+
+
+def _inputs(
+    search: CandidateSearch, candidate: CandidateModel, drive: Array, i: int
+) -> tuple[tuple[Channel, ...], Array]:
+    """Commands of a track, its own first; those that add up in units of the first."""
+    model, channels = search.model, search.estimation[0].inputs
+    order = [i, *(k for k in range(drive.shape[1]) if k != i)]
+    inputs, gain = drive[:, order], candidate.q[model.index["core", "gain", i]]
+    if model.inputs > model.tracks and gain:
+        inputs = inputs * candidate.q[[model.index["core", "gain", k] for k in order]] / gain
+    return tuple(channels[min(k, len(channels) - 1)] for k in order), inputs
+
+
+def _beside(
+    records: Sequence[Record], scales: Array
+) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+    """Commands as they were given, and the columns that all of some records hold unused."""
+    u, first = np.concatenate([r.u / scales for r in records]), records[0]
+    commands = tuple(Signal(c.name, u[:, k]) for k, c in enumerate(first.inputs))
+    if any(r.unused is None or r.unused_names != first.unused_names for r in records):
+        return commands, ()
+    columns = np.concatenate([r.unused for r in records if r.unused is not None])
+    return commands, tuple(
+        Signal(name, columns[:, k])
+        for k, name in enumerate(first.unused_names)
+        if np.isfinite(columns[:, k]).all()
+    )
+
+
+def _same(a: Array, b: Array) -> bool:
+    """Whether two signals say the same; one that does not move says nothing."""
+    moves = np.ptp(a) > 0.0 and np.ptp(b) > 0.0
+    return not moves or bool(abs(np.corrcoef(a, b)[0, 1]) > SAME)
 
 
 def _parts(

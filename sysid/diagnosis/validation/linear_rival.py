@@ -85,12 +85,12 @@ def _best(base: Base, i: int) -> tuple[int, float]:
     else:
         fitted = _columns(parts.estimation, i, weights)
         holdout = _columns(parts.holdout, i, counts)
+    delay, later = base.search.delay, base.search.later
+    nk = [[delay + d for d in later]] if later else delay
     best, facts = (order_of_base, np.inf), LogFacts(tuple(fitted))
     detrend = "none" if fitted[0].is_robot_log else "auto"
     for order in (order_of_base + more for more in MORE):
-        structure = OE.from_orders(
-            {"nb": order, "nf": order, "nk": base.search.delay}, fitted[0].nu, 1
-        )
+        structure = OE.from_orders({"nb": order, "nf": order, "nk": nk}, fitted[0].nu, 1)
         try:
             model = fit(structure, facts, ROUGH, detrend=detrend)
             runs = [outputs(model, r, None, Start.ESTIMATED) for r in holdout]

@@ -50,7 +50,7 @@ class Identifiability:
     Attributes:
         rank, count: of the slopes by parameters and initial states.
         condition: of the slopes, columns scaled to unit norm.
-        null: groups of parameters that no point tells apart, as {name: part}.
+        null: groups of parameters that no point distinguishes, as {name: part}.
         sentences: one each: which parameters only show together, and what would help.
     """
 
@@ -79,7 +79,7 @@ class Identifiability:
 def before_fit(
     structure: GreyBox[Any], records: Sequence[Record], options: FitOptions
 ) -> Identifiability | None:
-    """What a fit of this grey box with these options could tell apart.
+    """What a fit of this grey box with these options could distinguish.
 
     Returns:
         None where nothing is estimated, or no point gives a finite run.

@@ -13,7 +13,7 @@ from sysid.fitting.problem import Allowed, Parameter
 from sysid.methods.grey_box import cut_finely
 from sysid.structures import special_runs
 from sysid.structures.base import Structure
-from sysid.structures.grey_box.runs import free_run, state_guess, tangents
+from sysid.structures.grey_box.runs import state_guess, tangents, trajectory
 from sysid.structures.grey_box.structure import GreyBox, read_off
 from sysid.structures.model import Model
 
@@ -63,7 +63,7 @@ class Subject:
     def runs(self, inputs: Sequence[Array], states: Sequence[Array]) -> list[Array]:
         """ŷ (N, ny) of each."""
         if isinstance(self.structure, GreyBox):
-            return free_run(self.structure, self.theta, inputs, np.stack(states, axis=1))
+            return trajectory(self.structure, self.theta, inputs, np.stack(states, axis=1))[1]
         pairs = zip(inputs, states, strict=True)
         return [self.structure.simulate(self.theta, u, x) for u, x in pairs]
 

@@ -94,6 +94,10 @@ class Ranking:
     data: str
     best: Ranked
 
+    def __repr__(self) -> str:
+        ids = ", ".join(line.contender.id for line in self.lines)
+        return f"<Ranking by {self.criterion} on {self.data}: {ids}>"
+
     def _repr_html_(self) -> str:
         names = list(self.best.figures["fit_percent"])
         heads = ("model", "parameters", *(f"{n}, fit [%]" for n in names), self.criterion)

@@ -104,11 +104,6 @@ class C(Exporter):
     title: ClassVar[str] = "C code"
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """The sources.
-
-        Raises:
-            ModelError: the plant cannot be written as C.
-        """
         precision = DOUBLE if source.double else single(source.model)
         step = c_step(source.model)
         files = plant_sources(source.model, step, source.selftest, source.name, precision.plant)

@@ -113,7 +113,10 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
     cells = np.empty(len(every), dtype=object)
     cells[:] = [constant(n.value) for n in every]
     groups = list(_groups(free, every))
-    names = distinct(_shared_name([every[k] for k in g]) for g in groups)
+    # neighbours are called without what counts them
+    names = distinct(
+        every[g[0]].name if len(g) == 1 else _COUNT.sub("", every[g[0]].name) for g in groups
+    )
     fields = []
     for name, group in zip(names, groups, strict=True):
         first, last = every[group[0]], every[group[-1]]
@@ -145,11 +148,6 @@ def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]
             yield group
         else:
             yield from ([k] for k in group)
-
-
-def _shared_name(group: Sequence[Number]) -> str:
-    """What numbers of a group are called without what counts them."""
-    return group[0].name if len(group) == 1 else _COUNT.sub("", group[0].name)
 
 
 # ------------------------------------------------------------------------------ a step of cells

@@ -1,8 +1,8 @@
 """The report for an integrator: functions, interfaces, sizes, operations."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
 
 from sysid.export.c.fields import Field, numbers
 from sysid.export.c.loop.block import Block
@@ -20,37 +20,18 @@ _CHEAP = frozenset(["fabs", "floor", "ceil", "isnan", "isfinite"])
 """Functions of math.h that are an instruction or a few, not a series."""
 
 
-@dataclass(frozen=True)
-class Count:
-    """How many operations.
-
-    Attributes:
-        compared: comparisons, choices between two values, absolute values, roundings to a whole.
-        calls: of other functions of math.h: exponentials, sines, powers …
-    """
-
-    added: int = 0
-    multiplied: int = 0
-    divided: int = 0
-    roots: int = 0
-    compared: int = 0
-    calls: int = 0
-
-    def __add__(self, other: "Count") -> "Count":
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return Count(*(a + b for a, b in pairs))
-
-    def __mul__(self, times: int) -> "Count":
-        return Count(*(times * n for n in astuple(self)))
+OPERATIONS = ("added", "multiplied", "divided", "roots", "compared", "calls")
+"""Kinds that are counted. ``compared``: comparisons, choices between two values, absolute values,
+roundings to a whole; ``calls``: of other functions of math.h: exponentials, sines, powers …"""
 
 
-def counted(lines: Sequence[str]) -> Count:
+def counted(lines: Sequence[str]) -> Counter[str]:
     """What lines of a recorded step make at most, loops counted as often as they go round.
 
     Both sides of a choice are computed always, so that this is what every step takes. Places in
     arrays are not counted.
     """
-    total, times = Count(), [1]
+    total, times = Counter[str](), [1]
     for line in lines:
         text = line.strip()
         head = _HEAD.match(text)
@@ -59,11 +40,11 @@ def counted(lines: Sequence[str]) -> Count:
         elif text == "}":
             times.pop()
         else:
-            total += _of_line(text) * times[-1]
+            total.update({kind: n * times[-1] for kind, n in _of_line(text).items()})
     return total
 
 
-def _of_line(text: str) -> Count:
+def _of_line(text: str) -> dict[str, int]:
     """What one statement makes."""
     _, equals, value = text.partition(" = ")
     if not equals:
@@ -77,20 +58,17 @@ def _of_line(text: str) -> Count:
     roots = functions.count("sqrt")
     added = signs.count("+") + signs.count("-")
     multiplied, divided = signs.count("*"), signs.count("/")
-    return Count(
-        added + (" += " in text),
-        multiplied,
-        divided,
-        roots,
-        len(signs) - added - multiplied - divided + cheap,
-        len(functions) - cheap - roots,
-    )
+    compared = len(signs) - added - multiplied - divided + cheap
+    calls = len(functions) - cheap - roots
+    every = (added + (" += " in text), multiplied, divided, roots, compared, calls)
+    return dict(zip(OPERATIONS, every, strict=True))
 
 
 def operations(lines: Sequence[str]) -> tuple[int, int]:
     """(arithmetic and comparisons, calls of functions) that lines make at most."""
     n = counted(lines)
-    return n.added + n.multiplied + n.divided + n.compared, n.calls + n.roots
+    calls = n["calls"] + n["roots"]
+    return n.total() - calls, calls
 
 
 CONTROLLER = ("guidance", "control", "command")
@@ -130,17 +108,16 @@ def report(
     )
 
 
-def _row(name: str, does: str, sizes: tuple[int, int], n: Count) -> str:
-    made = (n.added, n.multiplied, n.divided, n.roots, n.compared, n.calls)
+def _row(name: str, does: str, sizes: tuple[int, int], n: Counter[str]) -> str:
     state, parameters = sizes
-    cells = (f"`{name}`", does, f"{state} B", f"{parameters} B", *made)
+    cells = (f"`{name}`", does, f"{state} B", f"{parameters} B", *(n[kind] for kind in OPERATIONS))
     return f"| {' | '.join(map(str, cells))} |"
 
 
 def _plant_rows(plant: PlantStep, size: int) -> Iterator[str]:
     state = max(plant.n_states, 1) + len(plant.derived) + len(plant.sources)
     sizes = (size * state, size * numbers(plant.parameters))
-    compared = Count(compared=len(plant.sources))
+    compared = Counter(compared=len(plant.sources))
     step = counted([*plant.entering, *plant.starting, *plant.body]) + compared
     yield _row("plant_step", "The identified plant, at every sample", sizes, step)
     if plant.derived:
@@ -159,7 +136,7 @@ def _rows(blocks: Sequence[Block], size: int) -> Iterator[str]:
         kept = sum(states[n] for n in CONTROLLER) + 2  # what of the last command reached the tracks
         sizes = (size * kept, size * sum(parameters[n] for n in CONTROLLER))
         does = "Guidance, control and command module in one: X, Y, ψ, Vx in, PWM out"
-        total = sum((counts[n] for n in CONTROLLER), Count(compared=3))
+        total = sum((counts[n] for n in CONTROLLER), Counter(compared=3))
         yield _row("controller_step", does, sizes, total)
 
 

@@ -33,9 +33,6 @@ def plant_sources(
         test: the rows ``selftest.c`` checks.
         name: what to call the plant; the structure's title where that is empty.
         tolerance: error that ``selftest.c`` allows, in parts of the range of each output.
-
-    Raises:
-        ModelError: the structure cannot be written as C.
     """
 
     def used(word: str) -> bool:

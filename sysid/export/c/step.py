@@ -81,11 +81,7 @@ class PlantStep:
 
 
 def c_step(model: Model) -> PlantStep:
-    """One step of a model as C.
-
-    Raises:
-        ModelError: the structure's equations use what cannot be written as C.
-    """
+    """One step of a model as C."""
     try:
         own_step = special_runs.c_step(model.structure, model.theta)
         if own_step is not None:
@@ -100,7 +96,11 @@ def c_step(model: Model) -> PlantStep:
         plain = _recorded(model, None)
     except UNWRITABLE as error:
         # NumPy says that a signal is no number, its cause says what to write instead
-        raise _refused(model, str(error.__cause__ or error)) from None
+        why = str(error.__cause__ or error)
+        raise ModelError(
+            f"this {model.structure.name} model cannot be written as C: {why}; run its plant.json "
+            "with sysid"
+        ) from None
     if len(every) > MOST_TRIED:
         return plain
     fixed = [k for k in every if not _can_change(model, k, every)]
@@ -111,9 +111,6 @@ def tunable_parameters(model: Model) -> tuple[Number, ...]:
     """What of a plant may be changed at run time in C: name, unit, identified value, words.
 
     In the order of the members of ``plant_parameters`` in ``plant.h``, arrays entry by entry.
-
-    Raises:
-        ModelError: the plant cannot be written as C.
     """
     return listed(c_step(model).parameters)
 
@@ -221,12 +218,4 @@ def _operating_point(u: Traced, y: Traced) -> tuple[tuple[str, ...], tuple[str, 
     return (
         tuple(f"v[{j}] = u[{j}]{text};" for j, text in enumerate(off)),
         tuple(f"out[{i}] = {c.text};" for i, c in enumerate(y.cells)),
-    )
-
-
-def _refused(model: Model, why: str) -> ModelError:
-    """The error that says why a model has no C code, and what to run instead."""
-    return ModelError(
-        f"this {model.structure.name} model cannot be written as C: {why}; run its plant.json "
-        "with sysid"
     )

@@ -45,11 +45,7 @@ FMI_3 = Version("3.0", "fmi3", lambda system, machine: f"{machine}-{system}")
 
 
 def headers() -> Path:
-    """The folder of FMI's headers, which come with FMPy.
-
-    Raises:
-        ModelError: FMPy is not installed.
-    """
+    """The folder of FMI's headers, which come with FMPy."""
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise ModelError(
@@ -60,11 +56,7 @@ def headers() -> Path:
 
 
 def archive(unit: Unit, version: Version = FMI_2) -> bytes:
-    """The unit as a zip whose bytes depend on its content and the compiler alone.
-
-    Raises:
-        ModelError: FMPy is not installed, or the compiler refuses the code.
-    """
+    """The unit as a zip whose bytes depend on its content and the compiler alone."""
     sources = sources_of(unit, version)
     inside = {f"sources/{n}": text.encode("utf-8") for n, text in sources.items()}
     if version is FMI_3:
@@ -74,7 +66,8 @@ def archive(unit: Unit, version: Version = FMI_2) -> bytes:
     inside["modelDescription.xml"] = model_description(unit, version.name).encode("utf-8")
     binary = compiled(unit, sources, version)
     if binary is not None:
-        folder = version.folders(platform.system().lower(), _machine())
+        machine = platform.machine().lower()
+        folder = version.folders(platform.system().lower(), _PROCESSORS.get(machine, machine))
         inside[f"binaries/{folder}/{unit.name}{_suffix()}"] = binary
     return zip_bytes(inside)
 
@@ -90,11 +83,7 @@ def sources_of(unit: Unit, version: Version) -> dict[str, str]:
 
 
 def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes | None:
-    """The shared library of a unit; None where no compiler is installed.
-
-    Raises:
-        ModelError: FMPy is not installed, or the compiler refuses the code.
-    """
+    """The shared library of a unit; None where no compiler is installed."""
     include = headers()
     compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
     if compiler is None:
@@ -114,11 +103,8 @@ def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes 
         return (folder / target).read_bytes()
 
 
-def _machine() -> str:
-    """This processor as FMI 3.0 calls it."""
-    name = platform.machine().lower()
-    known = {"amd64": "x86_64", "i386": "x86", "i686": "x86", "arm64": "aarch64"}
-    return known.get(name, name)
+_PROCESSORS = {"amd64": "x86_64", "i386": "x86", "i686": "x86", "arm64": "aarch64"}
+"""Processors as FMI 3.0 calls them, where a system calls them otherwise."""
 
 
 def _suffix() -> str:

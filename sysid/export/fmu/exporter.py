@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -34,21 +33,6 @@ WHEELS = ("omega_l", "omega_r")
 Values = dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What a unit does of a loop.
-
-    Attributes:
-        unit: it.
-        advance: to a sample with these measurements.
-        shown: outputs after it, as the unit orders them.
-    """
-
-    unit: Unit
-    advance: Callable[[LoopState, Tick, Values], LoopState]
-    shown: Callable[[LoopState], list[Any]]
-
-
 def loop_replays(loop: Loop, units: LoopUnits) -> dict[str, Replay]:
     """The rows of ``controller`` and ``vehicle``."""
     run = record_run(loop)
@@ -64,27 +48,32 @@ def loop_replays(loop: Loop, units: LoopUnits) -> dict[str, Replay]:
         return state._replace(ground=ground, motion=motion, body=body)
 
     def decided(state: LoopState) -> list[Any]:
+        commands = [
+            port.offset + port.slope * pwm / PWM_FULL_SCALE
+            for port, pwm in zip(units.wiring.commands, state.pwm, strict=True)
+        ]
         thought = (*state.references[:2], *state.command)
-        return [*_commands(state, units.wiring), *thought, *flat(state.estimate).values()]
+        return [*commands, *thought, *flat(state.estimate).values()]
 
-    controller = _Part(units.controller, loop.steered, decided)
-    vehicle = _Part(units.vehicle, moved, lambda state: list(flat(state.body).values()))
+    def driven(state: LoopState) -> list[Any]:
+        return [*flat(state.body).values()]
+
+    wiring = units.wiring
     return {
-        part.unit.name: _replay(loop, part, columns, units.wiring)
-        for part, columns in ((controller, read), (vehicle, rolled))
+        "controller": _replay(loop, units.controller, loop.steered, decided, read, wiring),
+        "vehicle": _replay(loop, units.vehicle, moved, driven, rolled, wiring),
     }
 
 
-def _commands(state: LoopState, wiring: Wiring) -> list[float]:
-    """PWM as the plant's inputs."""
-    return [
-        port.offset + port.slope * pwm / PWM_FULL_SCALE
-        for port, pwm in zip(wiring.commands, state.pwm, strict=True)
-    ]
-
-
-def _replay(loop: Loop, part: _Part, read: dict[str, Array], wiring: Wiring) -> Replay:
-    """A part of the loop through rows of what it reads, and what it shows after each."""
+def _replay(
+    loop: Loop,
+    unit: Unit,
+    advance: Callable[[LoopState, Tick, Values], LoopState],
+    shown: Callable[[LoopState], list[Any]],
+    read: dict[str, Array],
+    wiring: Wiring,
+) -> Replay:
+    """A unit through rows of what it reads, and what it shows after each."""
     ports = dict(zip(WHEELS, wiring.speeds, strict=True))
     names = [ports[n].name if n in ports else n for n in read]
     given = [v / ports[n].slope + ports[n].offset if n in ports else v for n, v in read.items()]
@@ -93,10 +82,10 @@ def _replay(loop: Loop, part: _Part, read: dict[str, Array], wiring: Wiring) -> 
     clock = pairwise(ticks(loop.plant.dt, loop.control.period))
     for row, (tick, following) in zip(rows.tolist(), clock, strict=False):
         values = dict(zip(read, row, strict=True))
-        state = part.advance(state, tick, values)
-        now.append([float(v) for v in part.shown(state)])
-        late.append([float(v) for v in part.shown(part.advance(state, following, values))])
-    outputs = [v.name for v in part.unit.variables if v.role is Role.OUTPUT and not v.boolean]
+        state = advance(state, tick, values)
+        now.append([float(v) for v in shown(state)])
+        late.append([float(v) for v in shown(advance(state, following, values))])
+    outputs = [v.name for v in unit.variables if v.role is Role.OUTPUT and not v.boolean]
     u, y = np.column_stack(given)[:MOST_ROWS], np.array(now)
     return Replay(tuple(names), tuple(outputs), u, y, np.array(late), reach(y))
 
@@ -109,11 +98,7 @@ _MOST_SETTLING = 200_000
 
 
 def plant_unit(source: Source) -> Unit:
-    """The plant of a model as a unit.
-
-    Raises:
-        ModelError: it cannot be written as C.
-    """
+    """The plant of a model as a unit."""
     model = source.model
     c = c_sources(model, source.selftest, source.name)
     rest = np.asarray(model.detrend.u_offset, dtype=float)
@@ -240,11 +225,6 @@ class Fmu(Exporter):
     version: ClassVar[Version] = FMI_2
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """The units.
-
-        Raises:
-            ModelError: FMPy is not installed, or the plant cannot be written as C.
-        """
         headers()  # asked first: the sentence about what is missing must not wait
         units: list[Unit] = [plant_unit(source)]
         files: dict[str, str | bytes] = {}

@@ -51,9 +51,6 @@ def loop_units(loop: Loop, name: str) -> LoopUnits:
 
     Args:
         loop: of a mission and a robot plant, on plain numbers.
-
-    Raises:
-        ModelError: a law cannot be written as C, or what turns the tracks is not the plant.
     """
     if isinstance(loop.motion, TurnsTracks):
         raise ModelError(

@@ -45,11 +45,7 @@ class Replay:
 
 
 def replay_from(text: str, where: str) -> Replay:
-    """The rows of a CSV file.
-
-    Raises:
-        ModelError: it is damaged.
-    """
+    """The rows of a CSV file."""
     try:
         head, *rows = csv.reader(io.StringIO(text))
         values = np.array([[float(v) for v in row] for row in rows]).reshape(len(rows), len(head))

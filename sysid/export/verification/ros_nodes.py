@@ -79,11 +79,7 @@ def lacks() -> str:
 
 
 def built(package: Path, build: Path) -> Path:
-    """Build a catkin package; the folder of its nodes, below ``build/devel``.
-
-    Raises:
-        ModelError: it does not build.
-    """
+    """Build a catkin package; the folder of its nodes, below ``build/devel``."""
     options = [
         f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}",
         "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror",
@@ -106,11 +102,7 @@ def built(package: Path, build: Path) -> Path:
 
 @contextmanager
 def own_master(home: Path) -> Iterator[Mapping[str, str]]:
-    """A master of its own: the environment of processes that use it.
-
-    Raises:
-        ModelError: it does not start.
-    """
+    """A master of its own: the environment of processes that use it."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

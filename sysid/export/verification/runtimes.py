@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from platform import python_version
-from typing import Protocol
 
 from sysid import processes
 from sysid.errors import ModelError
@@ -51,45 +49,6 @@ class Result:
     instructions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-class Runtime(Protocol):
-    """Something that can run a package."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def folders(self) -> Sequence[str]:
-        """Folders of a package whose code it runs."""
-        ...
-
-    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
-        """Run the self-tests of a package whose files lie in ``folder``.
-
-        Args:
-            foreign: whether somebody else may have written their code.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Python:
-    """This interpreter, by the package's plant.json.
-
-    Attributes:
-        error: of the replay, which was made when the package was read.
-        allowed: largest error.
-    """
-
-    error: float
-    allowed: float
-    name: str = "python"
-    folders: tuple[str, ...] = ()
-
-    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
-        """What reading the package showed."""
-        return Result(self.name, python_version(), self.error, self.error <= self.allowed)
-
-
 @dataclass(frozen=True)
 class Compiled:
     """The C code, by a compiler, on this machine or on one that is emulated.
@@ -126,11 +85,16 @@ class Compiled:
         return [*([self.emulator] if self.emulator else []), f"./{made}"]
 
     def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
-        """Compile and run both self-tests."""
+        """Compile and run both self-tests of a package whose files lie in ``folder``.
+
+        Args:
+            foreign: whether somebody else may have written their code.
+        """
         lacking = self.lacks()
         if lacking:
             return Result(self.name, skipped=lacking)
-        version = _first_line([self.commands[-1], self.asks_version], folder)
+        said = run([self.commands[-1], self.asks_version], folder).out.splitlines()
+        version = said[0].strip() if said else ""
         if "c/selftest.c" not in files:
             return Result(self.name, version, skipped="the package has no C code")
         self.prepare(folder, files)
@@ -192,11 +156,6 @@ def _number(word: str) -> float:
         return float(word)
     except ValueError:
         raise ModelError(f"a self-test prints {word!r} where a number belongs") from None
-
-
-def _first_line(command: Sequence[str], folder: Path) -> str:
-    lines = run(command, folder).out.splitlines()
-    return lines[0].strip() if lines else ""
 
 
 def _sentence(text: str) -> str:

@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from platform import python_version
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from sysid.export.package import form_of, package_files
 from sysid.export.verification.co_simulated import CoSimulated, replays_of
 from sysid.export.verification.cortex_m import CORTEX_M4
 from sysid.export.verification.ros_nodes import RosNodes
-from sysid.export.verification.runtimes import COMPILED, Python, Result, Runtime
+from sysid.export.verification.runtimes import COMPILED, Compiled, Result
 from sysid.plant.package import Package, files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
 from sysid.plant.storage import Files
@@ -43,9 +44,6 @@ class Foreign(NamedTuple):
 
 def foreign_code(package: Package, files: Files) -> dict[str, Foreign]:
     """The folders of a package whose files are not, byte for byte, what this version makes.
-
-    Args:
-        files: of the package, by name.
 
     Returns:
         Folder → why its code runs only where it is trusted.
@@ -133,24 +131,29 @@ def verify(path: str | Path, trust: bool = False) -> Verification:
     test = read_csv(files[NAME], plant, str(path))
     replays = replays_of(files, plant, test)
     foreign = foreign_code(package, files)
-    runtimes: tuple[Runtime, ...] = (
-        Python(_replayed(plant, test), TOLERANCE),
+    runtimes = (
         *COMPILED,
         CORTEX_M4,
         CoSimulated("FMPy", replays),
         CoSimulated("libcosimpy", replays, late=True, folders=("fmu",)),
         RosNodes(),
     )
+    error = _replayed(plant, test)
+    here = Result("python", python_version(), error, error <= TOLERANCE)
     with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
         folder = Path(made)
         for name, content in files.items():
             write_new(folder / name, content)
-        results = tuple(_result(r, foreign, trust, folder, files) for r in runtimes)
-        return Verification(str(path), results)
+        others = (_result(r, foreign, trust, folder, files) for r in runtimes)
+        return Verification(str(path), (here, *others))
 
 
 def _result(
-    runtime: Runtime, foreign: Mapping[str, Foreign], trust: bool, folder: Path, files: Files
+    runtime: Compiled | CoSimulated | RosNodes,
+    foreign: Mapping[str, Foreign],
+    trust: bool,
+    folder: Path,
+    files: Files,
 ) -> Result:
     """What a runtime gives; code of somebody else runs only where it is trusted."""
     found = [foreign[f] for f in runtime.folders if f in foreign]

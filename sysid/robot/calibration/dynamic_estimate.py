@@ -139,11 +139,7 @@ class Powered:
 
     @cached_property
     def runs(self) -> Runs:
-        """Runs over all logs.
-
-        Raises:
-            DataError: their sample times differ.
-        """
+        """Runs over all logs."""
         times = sorted({log.dt for log in self.logs})
         if times[-1] > 1.001 * times[0]:
             raise DataError(
@@ -197,11 +193,7 @@ class DynamicFit(Motion):
         return Correlations.of(names, self.covariance, THRUST_OVER)
 
     def numbers(self, given: Geometry | None = None) -> tuple[VehicleNumber, ...]:
-        """Every quantity, with the reason where it is not identifiable.
-
-        Args:
-            given: lengths that a person gave; they do not count here.
-        """
+        """Every quantity, with the reason where it is not identifiable."""
         known = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
         size = np.sqrt(np.diag(known))
         moved = np.flatnonzero(size > 0.0)
@@ -226,8 +218,8 @@ class DynamicFit(Motion):
     @property
     def silent(self) -> frozenset[str]:
         """Names of ``NUMBERS`` of which the log says nothing."""
-        silent = ~np.isfinite(np.diag(self.covariance))
-        return frozenset(NUMBERS[k] for k, s in zip(self.free, silent, strict=True) if s and k < N)
+        silent = zip(self.free, np.isfinite(np.diag(self.covariance)), strict=True)
+        return frozenset(NUMBERS[k] for k, known in silent if k < N and not known)
 
 
 def theta_of(machine: Machine, p: Array) -> Array:

@@ -43,12 +43,9 @@ def fit_weighed(
     Args:
         start: lengths near those of the vehicle as it turns.
         records: in the order of the trajectories.
-        known: lengths of the vehicle.
-        motors: what is known of them; None for nothing.
 
     Raises:
         DataError: a record holds no command of both sides.
-        UsageError: the motors count in another unit than the commands.
     """
     logs = []
     for record, trajectory, track in zip(

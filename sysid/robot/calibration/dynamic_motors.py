@@ -48,9 +48,6 @@ class KnownMotors:
         Args:
             unit: of the commands; none is taken for the motors' own.
             largest: of the commands: up to 1 without a unit they may be shares of full drive.
-
-        Raises:
-            UsageError: nothing is known between the two units.
         """
         if self.unit in ("", unit) or (not unit and largest > 1.0):
             return self.motors
@@ -70,11 +67,7 @@ class KnownMotors:
 
 
 def torque_only(per_unit: float) -> KnownMotors:
-    """Motors of which a torque per unit of the command (or current) is known [Nm].
-
-    Raises:
-        UsageError: it is no positive number.
-    """
+    """Motors of which a torque per unit of the command (or current) is known [Nm]."""
     if not (np.isfinite(per_unit) and per_unit > 0.0):
         raise UsageError(
             f"the torque constant is {per_unit}: give the torque at the wheel [Nm] for one unit of "
@@ -126,7 +119,6 @@ def read_motors(path: Path) -> KnownMotors:
 
     Raises:
         DataError: the file cannot be read.
-        UsageError: a constant is unknown or no number.
     """
     source = read_yaml(path)
     values: dict[str, float] = {}

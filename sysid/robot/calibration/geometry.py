@@ -18,6 +18,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.calibration.windows import OVERLAP, Track
 from sysid.vehicle.kinematics import Geometry
 
@@ -80,7 +81,7 @@ class GeometryEstimate:
     @property
     def sentence(self) -> str:
         lengths = " and ".join(
-            f"{name} = {value:.4g} ± {error:.1g} m"
+            f"{name} = {value:.4g} ± {NORMAL * error:.1g} m"
             if error is not None
             else f"{name} = {value:.4g} m (assumed; not identifiable from this log)"
             for name, value, error in zip(

@@ -100,7 +100,6 @@ class Candidate:
     """What may be freed together.
 
     Attributes:
-        key: unique.
         id: effect, empty for what competes without being one.
         slots: its entries of ``every_slot``.
         length: the length of the vehicle that it changes, None for none.
@@ -163,7 +162,7 @@ def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     lengths = {k for c in always for k in c.slots}
     parameters = [
         (s, v)
-        for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
+        for k, (s, v) in enumerate(zip(every_slot()[: -len(COMPETITORS)], q.tolist(), strict=False))
         if k not in lengths
     ]
     acting = {s.owner for s, v in parameters if v != s.null}
@@ -179,12 +178,6 @@ def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
         id: {k: np.array(v) for k, v in parameters.items()} for id, parameters in by_effect.items()
     }
     return Ground(tuple(numbers), numbers)
-
-
-@cache
-def _of_effects() -> tuple[Slot, ...]:
-    """The slots of effects, which come first."""
-    return tuple(s for s in every_slot() if s not in COMPETITORS)
 
 
 @cache

@@ -90,11 +90,7 @@ def enough(parts: Sequence[Part]) -> bool:
 
 
 def check_enough(parts: Sequence[Part], name: str) -> None:
-    """Refuse a log with too few windows.
-
-    Raises:
-        DataError: it holds fewer than ``MIN_WINDOWS``.
-    """
+    """Refuse a log with too few windows."""
     if not enough(parts):
         count = sum(len(p.windows) for p in parts)
         raise DataError(

@@ -60,7 +60,7 @@ def _own_columns(paths: Sequence[Path], options: ReadOptions) -> ReadOptions | N
     has named columns, or the names do not show them."""
     if options.outputs or options.inputs or options.speed_of:
         return None
-    measured, commanded, commands = _speeds(_table(paths[0], options), options)
+    measured, commanded, commands = _speeds(read_log_table(paths[0], options)[0], options)
     if measured:
         return replace(options, outputs=tuple(measured), inputs=tuple(commands) or (NO_INPUT,))
     if commanded:
@@ -87,13 +87,9 @@ def _both_sides(names: Sequence[str]) -> list[str]:
     return [*left, *right] if len(left) == len(right) else []
 
 
-def _table(path: Path, options: ReadOptions) -> Table:
-    return read_log_table(path, options).table
-
-
 def _refuse_without(path: Path, options: ReadOptions) -> None:
     """Refuse a log whose columns do not hold what is needed, with the list of what is missing."""
-    table = _table(path, options)
+    table = read_log_table(path, options)[0]
     names = table.names
     missing = []
     if not find_pose(names).names:

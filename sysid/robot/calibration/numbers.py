@@ -75,7 +75,6 @@ def derived(
     """Quantities that follow from others: name → value and standard error, √(g C gᵀ).
 
     Args:
-        of: the quantities as a function of the numbers.
         q, covariance: the numbers, (n,), and their covariance, (n, n).
         steps: differences that make the gradient g, (n,).
     """

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.calibration.geometry import SURE
 from sysid.robot.calibration.numbers import Correlations, VehicleNumber, capital, derived
 from sysid.robot.calibration.slip_model import AT, TERMS, Motion, Term
@@ -185,7 +186,7 @@ def _number(fit: SlipFit, k: int, term: Term) -> VehicleNumber:
         error *= fit.geometry.r
     elif term.name == "effective_width":
         error *= value / float(fit.if_added[k])
-    amount = f"{value:.2g} ± {error:.2g}" + ("" if term.unit == "1" else f" {term.unit}")
+    amount = f"{value:.2g} ± {NORMAL * error:.2g}" + ("" if term.unit == "1" else f" {term.unit}")
     like = " and ".join(TERMS[j].name for j in fit.like(k))
     also = f" On this log {like} has nearly the same effect." if like else ""
     sentence = f"{capital(term.meaning)}.{also}"

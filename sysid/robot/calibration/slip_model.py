@@ -127,12 +127,6 @@ NULLS = np.array([t.null for t in TERMS])
 LOWER = np.array([t.lower for t in TERMS])
 
 
-def ground_of(q: Array) -> Ground:
-    """The part of the model that effects of the catalogue hold: slip in turns."""
-    share = float(q[AT["slip_turning"]])
-    return Ground((SLIP,), {SLIP: {SLIP_SHARE: np.full(2, share)}}) if share else Ground()
-
-
 def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tuple[Array, Array]:
     """Forward speed [m/s] and yaw rate [rad/s] of the vehicle, (N,) each.
 
@@ -140,9 +134,10 @@ def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tupl
         q: every number; radii and 1/width relative to the geometry's.
         omega: wheel speeds on a grid, (N, 2) [rad/s].
         step: of the grid [s].
-        geometry: lengths that q multiplies.
     """
-    rolled = ground_of(q).rolled(omega) * q[:2]
+    share = float(q[AT["slip_turning"]])
+    ground = Ground((SLIP,), {SLIP: {SLIP_SHARE: np.full(2, share)}}) if share else Ground()
+    rolled = ground.rolled(omega) * q[:2]
     fast = q[AT["slip_speed"]]
     if fast:
         speed = geometry.r * np.abs(rolled).mean(axis=1)
@@ -160,8 +155,6 @@ def path(q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | flo
 
     Args:
         q: every number, radii and 1/width relative to the geometry's.
-        trajectory: what the wheels rolled.
-        geometry: lengths that q multiplies.
         more: what something else adds to the way forward and to the left [m] and to the turn [rad]
             of every step of the grid, (N, 3).
     """
@@ -257,11 +250,7 @@ class Kinematic(Motion):
 def errors_of(
     q: Array, geometry: Geometry, parts: Sequence[Part], more: Sequence[Array | float] | None = None
 ) -> Array:
-    """Measured less predicted increments of all windows, (W, 3) [m, m, rad].
-
-    Args:
-        more: what something else adds to each part's steps, see ``path``.
-    """
+    """Measured less predicted increments of all windows, (W, 3) [m, m, rad]."""
     return np.concatenate(
         [
             window_errors(q, p.trajectory, geometry, p.windows, m)

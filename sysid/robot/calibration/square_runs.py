@@ -20,6 +20,7 @@ import numpy as np
 from sysid.data.files import read_bytes
 from sysid.data.record import Array
 from sysid.errors import DataError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.fitting.differences import slopes
 from sysid.vehicle.kinematics import Geometry, chained_arcs
 
@@ -125,10 +126,6 @@ def returned(
     Args:
         missed: measured end less the end by odometry, x along the first side, (n, 2) [m].
         side: of the square [m].
-        geometry: that the odometry used.
-
-    Raises:
-        DataError: the side is no length.
     """
     if not (math.isfinite(side) and side > 0.0):
         raise DataError(f"the side of the squares is {side:g} m; give a length above 0")
@@ -150,11 +147,6 @@ def read_returns(path: Path, side: float, geometry: Geometry) -> tuple[SquareRun
         path: CSV; x and y are where the vehicle ended less where its odometry says it did, x along
             the first side.
         side: of the square [m].
-        geometry: that the odometry used.
-
-    Raises:
-        DataError: a column or a number is missing.
-        UsageError: there is no such file.
     """
     text = read_bytes(path).decode("utf-8-sig", "replace")
     try:
@@ -185,9 +177,6 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
 
     Args:
         runs: closed squares; both ways, or the two cannot be distinguished.
-
-    Raises:
-        DataError: there is no run.
     """
     if not runs:
         raise DataError("the runs contain no closed square; drive squares both ways")
@@ -243,7 +232,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     after = float(np.linalg.norm(residual, axis=1).max())
     cw, ccw = plain.runs
     said = f"{cw} clockwise and {ccw} counter-clockwise squares of {plain.side:.3g} m"
-    shown = ["" if e is None else f" ± {e:.1g}" for e in errors]
+    shown = ["" if e is None else f" ± {NORMAL * e:.1g}" for e in errors]
     text = (
         f"From {said}: the right wheel is {p[0]:.5g}{shown[0]} times the left one (E_d), and the "
         f"vehicle turns as if it were {p[1]:.5g}{shown[1]} times as wide as given (E_b)."

@@ -5,7 +5,7 @@ everything that is judged here (held-out errors, halves that judge each other, d
 its predictions.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -139,7 +139,10 @@ class VehicleFit:
         if not all(enough(h) for h in halves):
             return ()
         for fitted, judge in (halves, halves[::-1]):
-            model = _refitted(self.model, fitted)
+            if isinstance(self.model, DynamicFit):
+                model: MotionFit = fit_dynamics(fitted, self.model.geometry, self.model.powered)
+            else:
+                model = fit_slip(fitted, self.model.geometry, self.model.terms)
             before = PathErrors.of(Kinematic(self.known).errors(judge))
             values = {n.name: n.value for n in model.numbers(self.given) if n.in_model}
             folds.append(Fold(before, PathErrors.of(model.errors(judge)), values))
@@ -275,6 +278,7 @@ def fit_vehicle(
     geometry: Geometry | None = None,
     motion: str = "slip",
     motors: KnownMotors | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> VehicleFit:
     """Fit a vehicle to logs, validated on held-out windows of two seconds.
 
@@ -284,6 +288,7 @@ def fit_vehicle(
         holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
+        progress: called with the share that is over, where that can be known.
 
     Raises:
         DataError: pose or speeds are missing, or there are too few windows; commands are missing.
@@ -300,31 +305,20 @@ def fit_vehicle(
     check_enough(first, records[0].name)
     check_enough(second, (holdout or records)[0].name)
     lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
-    start = _start(lengths)
+    # a width that the log does not determine scales with the radius
+    r, width = lengths.geometry.r, lengths.geometry.B
+    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
+        width = lengths.assumed.B * r / lengths.assumed.r
+    start = Geometry(r, width)
     model: MotionFit
     if motion == "dynamic":
         every = (*records, *holdout)
         model = fit_weighed(first, start, every, trajectories, known, motors)
     else:
-        model = fit_slip(first, start)
+        model = fit_slip(first, start, progress=progress)
     parts = tuple(first), tuple(second)
     return VehicleFit(motion, trajectories, *parts, known, geometry, lengths, model)
 
 
-def _start(lengths: GeometryEstimate) -> Geometry:
-    """Where a fit starts: a width that the log does not determine scales with the radius."""
-    r, width = lengths.geometry.r, lengths.geometry.B
-    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
-        width = lengths.assumed.B * r / lengths.assumed.r
-    return Geometry(r, width)
-
-
 def _slope(x: Array, y: Array) -> float:
     return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
-
-
-def _refitted(model: MotionFit, parts: Sequence[Part]) -> MotionFit:
-    """The same model with the same terms fitted to other windows."""
-    if isinstance(model, DynamicFit):
-        return fit_dynamics(parts, model.geometry, model.powered)
-    return fit_slip(parts, model.geometry, model.terms)

@@ -94,7 +94,6 @@ class Track:
         """Increments that the wheel speeds make, (W, 3).
 
         Args:
-            ground: effects between tracks and ground.
             offset: of the speed sensors, taken off the measurements, (2,) [rad/s].
             late: by how much the pose comes later than the speeds, its heading more, and the time
                 constant with which all of it follows, (3,) [s].
@@ -261,8 +260,6 @@ def tracks_of(
     """The records that have a pose, with the left and the right speed by index.
 
     Args:
-        records: of one vehicle.
-        channels: outputs of the left and of the right track.
         part: every other stretch only, from the first one on or from the second; in every other
             record the other way round, because missions turn where they begin.
     """

@@ -36,14 +36,8 @@ class Nominal(NamedTuple):
     speed: FirstOrder
     yaw: FirstOrder
 
-    @staticmethod
-    def of_tracks(top_speed: float, lag: float, geometry: Geometry) -> "Nominal":
-        """Two equal tracks: ψ̇ = 2 V_top/B at full yaw command."""
-        turning = 2.0 * top_speed / geometry.B
-        return Nominal(FirstOrder(top_speed, lag), FirstOrder(turning, lag))
 
-
-PUBLISHED = Nominal.of_tracks(0.43, 0.2, Geometry())
+PUBLISHED = Nominal(FirstOrder(0.43, 0.2), FirstOrder(2.0 * 0.43 / Geometry().B, 0.2))
 """The thesis's robot, where no plant was asked."""
 
 

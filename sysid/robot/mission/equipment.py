@@ -9,11 +9,7 @@ from sysid.robot.mission.registry import law_class
 
 
 def equipped(navigation: Navigation, sensors: Mapping[str, Sensor]) -> Mapping[str, Sensor]:
-    """The sensors listed, or those a law takes where none is listed, with their default figures.
-
-    Raises:
-        ModelError: the law needs others.
-    """
+    """The sensors listed, or those a law takes where none is listed, with their default figures."""
     missing = lacking(navigation, sensors)
     if missing:
         raise ModelError(missing)

@@ -78,7 +78,6 @@ def localize(
 
     Args:
         path: log with the wheel speeds and with columns of sensors.
-        mission: its navigation, sensors, geometry and start.
         columns: reading → column, where the names differ; ``-column`` where its sign does.
 
     Raises:

@@ -49,7 +49,6 @@ def on_ground(
     """What moves the vehicle when its tracks turn on an identified ground.
 
     Args:
-        ground: what stands between tracks and ground.
         omega: speeds of the left and the right track [rad/s].
         at: instant, and time since the sample before [s].
 

@@ -18,12 +18,7 @@ def generator(seed: int, name: str) -> np.random.Generator:
 
 
 def sensor_draws(loop: Loop, seed: int) -> Iterator[tuple[list[float], ...]]:
-    """The numbers of sample after sample, a row for each sensor of the loop; without end.
-
-    Args:
-        loop: whose sensors say how many numbers each of them needs.
-        seed: of the run, at least 0.
-    """
+    """The numbers of sample after sample, a row for each sensor of the loop; without end."""
     if not loop.scene.sensors:
         yield from itertools.repeat(())
     streams = [(generator(seed, name), s.draws) for name, s in loop.scene.sensors.items()]

@@ -95,11 +95,7 @@ def axes(role: str) -> tuple[str, ...]:
 
 
 def law_class(role: str, kind: str) -> type[BaseModel]:
-    """The class of a law.
-
-    Raises:
-        UsageError: no law is called so, or what is called so is none.
-    """
+    """The class of a law."""
     place = BUILT_IN.get(f"{role}.{kind}")
     if place is not None:
         return _built_in(place)

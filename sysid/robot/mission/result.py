@@ -65,8 +65,7 @@ class MissionResult:
             None without obstacles.
         max_deviation_m: largest distance from the line through start and goal [m].
         log: columns of equal length by name (:data:`sysid.robot.mission.loop.COLUMNS`), one row a
-        plant
-            sample; read-only.
+            plant sample; read-only.
         stuck: why and where it got nowhere; None where it did not.
     """
 
@@ -82,6 +81,9 @@ class MissionResult:
     log: Mapping[str, Array]
     sentence: str
     stuck: Stuck | None = None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.outcome.value} after {self.time_s:.4g} s>"
 
     def _repr_html_(self) -> str:
         near = self.min_clearance_m
@@ -110,11 +112,7 @@ class MissionResult:
 
 
 def write_log(result: MissionResult, path: str | Path) -> Path:
-    """Write a mission's log as CSV, a valid input of ``sysid fit``.
-
-    Raises:
-        DataError: the file cannot be written there.
-    """
+    """Write a mission's log as CSV, a valid input of ``sysid fit``."""
     return write_columns(result.log, path)
 
 
@@ -123,9 +121,6 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
 
     Args:
         path: the file; it appears complete or not at all.
-
-    Raises:
-        DataError: the file cannot be written there.
     """
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -1,7 +1,7 @@
 """The mission simulator: the closed loop of a robot plant, sample after sample."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -116,9 +116,6 @@ def result_of(
     Args:
         state, table: its last state and the rows of its log.
         ended: the outcome of a run that another one ended; its own verdict goes first.
-
-    Raises:
-        ModelError: the run has no outcome.
     """
     table.setflags(write=False)
     log = MappingProxyType({name: table[:, i] for i, name in enumerate(loop.columns)})
@@ -166,11 +163,7 @@ def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
 
 
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
-    """The scene of a mission, with what guidance and control know of the plant if they use it.
-
-    Raises:
-        ModelError: the controller needs a model, and the plant gives none.
-    """
+    """The scene of a mission, with what guidance and control know of the plant if they use it."""
     scene, driven = mission.scene(), known
     wanted = mission.limits_from_plant or mission.control.uses_plant
     if wanted and isinstance(mission.motion, TurnsTracks):
@@ -212,11 +205,17 @@ def closed_loop(
     )
 
 
-def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[LoopState, Array]:
+def run(
+    loop: Loop,
+    seed: int,
+    clock: Iterator[Tick] | None = None,
+    seen: Callable[[LoopState, Tick], None] | None = None,
+) -> tuple[LoopState, Array]:
     """Sample until the mission ends, or its clock does; the last state and the log's rows.
 
     Args:
         clock: its ticks; None for those of both clocks, one straight after the other.
+        seen: takes the state after every sample, and its tick.
 
     Raises:
         ModelError: a law gives no numbers, the plant runs away, or the clock never ticked.
@@ -228,6 +227,8 @@ def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[Loo
         clock = clock or ticks(loop.plant.dt, loop.control.period)
         for tick, draws in zip(clock, sensor_draws(loop, seed), strict=False):
             state, row = loop.sample(state, tick, draws)
+            if seen is not None:
+                seen(state, tick)
             _check_numbers(state, row)
             rows.append(row)
             if state.verdict != Verdict.GOES_ON:

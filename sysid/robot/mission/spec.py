@@ -249,11 +249,7 @@ class Mission(Settings):
 
     @property
     def car(self) -> TrackedVehicle:
-        """The vehicle, with what its motion takes for granted where nothing is said.
-
-        Raises:
-            ModelError: the numbers make no vehicle.
-        """
+        """The vehicle, with what its motion takes for granted where nothing is said."""
         motion, physics = self.motion, self.physics
         known = motion.completed(physics) if isinstance(motion, Physics) else physics
         return tracked_vehicle(self.vehicle.geometry, known)
@@ -298,11 +294,7 @@ class Mission(Settings):
 
     @property
     def way_guidance(self) -> Guidance:
-        """The law of guidance with what the mission asks of the way: waypoints, escape.
-
-        Raises:
-            DataError: there is a path, and the law follows none.
-        """
+        """The law of guidance with what the mission asks of the way: waypoints, escape."""
         law = self.guidance
         if self.path and not law.traits.follows_path:
             raise DataError(
@@ -359,8 +351,6 @@ def load_mission(path: str | Path) -> Mission:
             obstacles: [[2, 3.5], [3, 1, 0.2], {at: [5, 3], radius: 0.15}]
             guidance: {theta: 1, Kg: 0.3}
 
-    Returns:
-        The mission, defaults filled in.
 
     Raises:
         DataError: the file cannot be read, is not YAML, or says something a mission cannot be;

@@ -79,10 +79,6 @@ def _wrong(what: str) -> PydanticCustomError:
     return PydanticCustomError("named", "{what}: write {form}", {"what": what, "form": form})
 
 
-def _normal(sigma: float) -> Any:
-    return Spread(sigma=sigma)
-
-
 class StartSpread(Settings):
     """Where the robot is put down: by hand on a mark, within some centimetres and degrees.
 
@@ -91,9 +87,9 @@ class StartSpread(Settings):
         psi: heading [rad]; 0.03 is not quite two degrees.
     """
 
-    x: Spread = _normal(0.02)
-    y: Spread = _normal(0.02)
-    psi: Spread = _normal(0.03)
+    x: Spread = Spread(sigma=0.02)
+    y: Spread = Spread(sigma=0.02)
+    psi: Spread = Spread(sigma=0.03)
 
     def __bool__(self) -> bool:
         return bool(self.x or self.y or self.psi)
@@ -109,8 +105,8 @@ class FrictionSpread(Settings):
             not the sign): a hard floor takes some hundredths.
     """
 
-    dry: Spread = _normal(0.1)
-    slip: Spread = _normal(0.02)
+    dry: Spread = Spread(sigma=0.1)
+    slip: Spread = Spread(sigma=0.02)
 
     def __bool__(self) -> bool:
         return bool(self.dry or self.slip)
@@ -135,10 +131,10 @@ class Variation(Settings):
     parameters: Annotated[float, Field(ge=0, le=100)] = 1.0
     noise: bool = True
     start: StartSpread = StartSpread()
-    obstacles: Spread = _normal(0.02)
+    obstacles: Spread = Spread(sigma=0.02)
     friction: FrictionSpread = FrictionSpread()
     soil: Annotated[float, Field(ge=0, le=100)] = 1.0
-    mass: Spread = _normal(0.02)
+    mass: Spread = Spread(sigma=0.02)
     models: bool = False
 
     @model_validator(mode="before")
@@ -158,11 +154,7 @@ class Variation(Settings):
         return switched
 
     def of(self, names: Sequence[str]) -> "Variation":
-        """The same sizes with these quantities alone; one that the file switched off is on again.
-
-        Raises:
-            UsageError: a name is not known.
-        """
+        """The same sizes with these quantities alone; one that was switched off is on again."""
         unknown = [n for n in names if n not in QUANTITIES]
         if unknown:
             raise UsageError(f"{unknown[0]!r} cannot vary; choose from {', '.join(QUANTITIES)}")

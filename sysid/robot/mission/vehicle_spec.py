@@ -128,11 +128,7 @@ PHYSICS = tuple(Physics.model_fields)
 
 
 def tracked_vehicle(geometry: Geometry, given: Mapping[str, Any]) -> TrackedVehicle:
-    """The vehicle of these keys, the thesis's numbers where one is missing.
-
-    Raises:
-        ModelError: the numbers make no vehicle.
-    """
+    """The vehicle of these keys, the thesis's numbers where one is missing."""
     fields = {
         _FIELD_NAMES.get(k, k): v for k, v in given.items() if k not in ("soil", "patches", "slope")
     }

@@ -35,7 +35,6 @@ class Stepped:
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """Owner and name of each row of parameters."""
         return rows_of(self.effects, self.order)
 
     def run(self, q: Array, null: Array, index: NDArray[np.int64], signals: Signals) -> Array:

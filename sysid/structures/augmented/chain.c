@@ -6,7 +6,7 @@
 
 typedef struct {
     double t[1], log[1];
-    double w[TRACKS], w_free[TRACKS], b[TRACKS], torque[TRACKS], other[TRACKS], drive[TRACKS];
+    double w[TRACKS], w_free[TRACKS], b[TRACKS], torque[TRACKS], torque_other[TRACKS], drive[TRACKS];
     double turned[TRACKS], counted[TRACKS], holds[TRACKS], gain[TRACKS], driven[TRACKS];
 } Context;
 
@@ -46,7 +46,7 @@ static inline void through(const Acting *at, Context *c, const double *torque,
     if (!at->n) return;
     for (int i = 0; i < TRACKS; i++) {
         c->torque[i] = torque[i];
-        c->other[i] = TRACKS > 1 ? torque[TRACKS - 1 - i] : 0.0;
+        c->torque_other[i] = TRACKS > 1 ? torque[TRACKS - 1 - i] : 0.0;
         c->driven[i] = signal[i];
     }
     for (int j = 0; j < at->n; j++) {

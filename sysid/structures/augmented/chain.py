@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.effects.base import Context, Effect, Place, Signal, State, TorquePart
@@ -49,21 +50,36 @@ def rest_state(
 
 
 STANDING = 0.1
-"""A first reading below this share of the largest one is a track at standstill."""
+"""A first reading below this share of the largest one is a track at standstill; readings that
+change by more are none of steady motion."""
+
+LAST = 5
+"""Readings at the end of the first command, whose median is what it comes to."""
 
 
-def drive_before(drive: Array, y: Array) -> Array:
-    """The drive that acted before a record began, (tracks,).
+def at_standstill(y: Array) -> NDArray[np.bool_]:
+    """Whether measurements (N, tracks) begin at standstill, (tracks,)."""
+    return np.asarray(np.abs(y[0]) <= STANDING * np.max(np.abs(y), axis=0))
 
-    The first one where the record begins in motion; none where it begins at standstill: then the
-    command begins with the record.
+
+def share_before(u: Array, y: Array) -> Array:
+    """Share of its first command that acted before a record began, (inputs,).
+
+    All of it where the record begins in motion; none where it begins at standstill: then the
+    command begins with the record. Where readings change much while the first command stays, a
+    command that has held the first of them steady: y_0 over what they come to.
 
     Args:
-        drive: the first drive, (tracks,).
-        y: the measurements, (N, tracks).
+        u: commands, (N, inputs).
+        y: measurements, (N, outputs), one output or one for each input.
     """
-    size = np.abs(y)
-    return np.asarray(np.where(size[0] <= STANDING * np.max(size, axis=0), 0.0, drive))
+    stays = np.cumprod(u == u[0], axis=0).sum(axis=0)
+    ends = np.array([np.nanmedian(y[max(n - LAST, 0) : n], axis=0) for n in stays])
+    settled = np.diagonal(ends) if y.shape[1] == u.shape[1] else ends[:, 0]
+    moves = np.abs(settled - y[0]) > STANDING * np.max(np.abs(y), axis=0)
+    share = np.where(moves, y[0] / np.where(moves, settled, 1.0), 1.0)
+    share = np.nan_to_num(np.clip(share, 0.0, 1.0), nan=1.0)
+    return np.asarray(np.where(at_standstill(y), 0.0, share))
 
 
 def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) -> Signal:

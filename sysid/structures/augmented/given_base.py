@@ -9,7 +9,7 @@ import numpy as np
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array
 from sysid.data.schema import completed
-from sysid.structures.augmented.chain import drive_before
+from sysid.structures.augmented.chain import at_standstill
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_from_json, structure_to_json
@@ -24,9 +24,7 @@ def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
         u0, y0: operating point of the model.
         y: measurements, (N, ny).
     """
-    return not (np.any(u0) or np.any(y0)) and bool(
-        len(y) and not np.any(drive_before(np.ones(y.shape[1]), y))
-    )
+    return not (np.any(u0) or np.any(y0)) and bool(len(y) and np.all(at_standstill(y)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,6 @@ class GivenBase:
         return (following + self.pole * now) / ((1.0 + self.pole) * self.gain)
 
     def n_states(self) -> int:
-        """States of the model."""
         return self.structure.n_states(self.theta)
 
     def fitted_state(self, u: Array, y: Array, samples: int) -> Array:
@@ -88,10 +85,8 @@ class GivenBase:
         return advance
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-able values."""
         return plain_object(by_field(self) | {"structure": structure_to_json(self.structure)})
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "GivenBase":
-        """Undo ``to_json``."""
         return completed(GivenBase, raw, structure=structure_from_json(raw["structure"]))

@@ -24,21 +24,11 @@ from sysid.runners.trace.traced import TRACE, Traced, cells_of
 
 _NUMBER = ctypes.POINTER(ctypes.c_double)
 
-OF_CONTEXT = {
-    "w": "w",
-    "w_free": "w_free",
-    "b": "b",
-    "torque": "torque",
-    "torque_other": "other",
-    "drive": "drive",
-    "turned": "turned",
-    "counted": "counted",
-    "holds": "holds",
-    "gain": "gain",
-    "driven": "driven",
-}
-"""Fields of ``Context`` with an entry a track, and their names in C."""
-
+OF_CONTEXT = (
+    *("w", "w_free", "b", "torque", "torque_other", "drive"),
+    *("turned", "counted", "holds", "gain", "driven"),
+)
+"""Fields of ``Context`` with an entry a track, called alike in C."""
 
 SIGNALS = ("drive", "y", "moving", "counted", "t", "log", "reset")
 
@@ -173,7 +163,6 @@ class _Written:
     """An effect as C functions.
 
     Attributes:
-        text: their source.
         functions: names for the table: constants, step, rest, holds, undone; ``NULL`` without one.
         constants: numbers a track that do not change in a run.
     """
@@ -246,13 +235,9 @@ class _Written:
         whole = self._array(program, "k", len(self._names) * tracks).reshape(-1, tracks)
         parameters |= {name: whole[i] for i, name in enumerate(self._names)}
         states = self._array(program, "s", e.memory.states * tracks).reshape(-1, tracks)
-        fields = {name: self._array(program, f"c->{c}") for name, c in OF_CONTEXT.items()}
-        context = Context(
-            self.dt,
-            self._array(program, "c->t", 1),
-            log=self._array(program, "c->log", 1),
-            **fields,
-        )
+        fields = {name: self._array(program, f"c->{name}") for name in OF_CONTEXT}
+        t, log = (self._array(program, f"c->{name}", 1) for name in ("t", "log"))
+        context = Context(self.dt, t, log=log, **fields)
         signal = self._array(program, "signal")
         after, memory = e.step(
             TRACE, signal, tuple(states[i] for i in range(e.memory.states)), parameters, context

@@ -20,7 +20,6 @@ class ChainRuns(RunErrors):
     are no initial states to estimate.
 
     Args:
-        structure: the chain.
         data: (u, y) of each record.
     """
 

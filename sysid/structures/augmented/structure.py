@@ -15,16 +15,14 @@ from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import ModelError
-from sysid.fitting.problem import (
-    Parameter,
-)
+from sysid.fitting.problem import Parameter
 from sysid.structures.augmented.chain import (
     ChainState,
     Core,
     Sample,
-    drive_before,
     first_speed,
     rest_state,
+    share_before,
     step_with,
     with_constants,
 )
@@ -62,6 +60,8 @@ class Augmented(Structure):
         given: a model of another structure that drives the core; None where the command does.
         chain: order of the chain in which the effects act (``in_chain``).
         outputs: number of outputs where it is not that of the commands; else 0.
+        later: samples by which each of several commands of one output acts later than ``delay``;
+            empty where none does.
     """
 
     name: ClassVar[str] = "augmented"
@@ -81,6 +81,7 @@ class Augmented(Structure):
     given: GivenBase | None = field(default=None, compare=False)
     chain: int = ORDER
     outputs: int = 0
+    later: tuple[int, ...] = ()
 
     @property
     def nu(self) -> int:
@@ -110,6 +111,7 @@ class Augmented(Structure):
             "dt": self.dt,
             "chain": self.chain,
         } | ({"outputs": self.outputs} if self.outputs else {})
+        settings |= {"later": list(self.later)} if self.later else {}
         return settings if self.given is None else {**settings, "given": self.given}
 
     @classmethod
@@ -126,6 +128,7 @@ class Augmented(Structure):
             GivenBase.from_json(s["given"]) if s.get("given") else None,
             _order(s.get("chain", FRICTION_BEFORE_LOADS)),
             int(s.get("outputs", 0)),
+            tuple(int(v) for v in s.get("later", ())),
         )
 
     @cached_property
@@ -197,10 +200,6 @@ class Augmented(Structure):
         core = Core(theta[..., gain], xp.stack(denominator), xp.stack([largest, *numerator]))
         return core, parameters
 
-    def first_sample(self) -> int:
-        """Free-run structures predict from the first sample."""
-        return 0
-
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
         rows = self.order + sum(e.memory.states for e in self.active) + self._waiting
@@ -208,8 +207,8 @@ class Augmented(Structure):
 
     @property
     def _waiting(self) -> int:
-        """Commands that wait before they act."""
-        return max(self.delay - 1, 0)
+        """Rows of commands that wait before they act."""
+        return max(self.delay - 1 + max(self.later, default=0), 0)
 
     @property
     def _given_states(self) -> int:
@@ -228,8 +227,9 @@ class Augmented(Structure):
             drive = self.given.step()(head, u[0])[1] if len(u) else None
         before = np.zeros(self.width)
         if drive is not None:
-            drive = drive_before(drive, y)
-            before = drive_before(u[0] / np.array(self.scales) + 0.0 * w, y)
+            commands = np.broadcast_to(u / np.array(self.scales), (len(u), self.width))
+            share = share_before(commands, y) if len(y) else np.ones(self.width)
+            drive, before = share * drive, share * commands[0]
         state = rest_state(np, self.active, core, w, drive)
         line = [before] * self._waiting
         zeros = np.zeros(self.width)
@@ -295,8 +295,11 @@ class Augmented(Structure):
             xp: Any = x.__array_namespace__()
             state, line, clock, angles = self._unflat(xp, x)
             line = [*line, drive]
-            speed = state[0][0]
-            sample = Sample(line[0], line[0], clock, *angles)
+            speed, acts = state[0][0], line[0]
+            if self.later:
+                at = [line[max(self.later) - d][..., i : i + 1] for i, d in enumerate(self.later)]
+                acts = xp.concatenate(at, axis=-1)
+            sample = Sample(acts, acts, clock, *angles)
             state, y = step_with(xp, active, core, whole, state, sample, dt, self.width > self.ny)
             turned = angles[0] + 0.5 * dt * (speed + state[0][0])
             return _flat(xp, state, line[1:], clock + dt, (turned, angles[1] + dt * y)), y
@@ -317,15 +320,6 @@ class Augmented(Structure):
             at += e.memory.states
         state = (xp.stack(rows[:n]), tuple(effect_states))
         return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
-
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """Free-run errors: there is no noise model."""
-        x0 = self.fitted_state(theta, u, y, window) if window else None
-        return y - self.simulate(theta, u, x0)
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """The free run, whatever the horizon."""
-        return y - self.errors(theta, u, y, window)
 
     def stable(self, theta: Array) -> bool:
         """Whether core and given model are stable; effects only dissipate or bound."""
@@ -379,7 +373,6 @@ class Augmented(Structure):
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Gain, time constant and effects."""
         core, parameters = self.unpack(theta)
         return {
             "stable": self.stable(theta),

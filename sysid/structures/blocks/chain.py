@@ -31,7 +31,6 @@ from sysid.runners.filters import Filter, filter_step
 from sysid.runners.single import Step, on_arrays
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.linear.many_thetas import all_roots_inside
-from sysid.structures.linear.predictor import roots_inside
 
 FORGOTTEN = 1e-24
 """Size to which an impulse decays before its further course is taken for zero. Left to itself it
@@ -61,12 +60,10 @@ class BlockChain:
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return self.edges[-1]
 
     @cached_property
     def n_states(self) -> int:
-        """Number of states."""
         return sum(layer.n_states for layer in self.layers)
 
     def place(self, k: int) -> slice:
@@ -80,12 +77,7 @@ class BlockChain:
         for k, layer in enumerate(self.layers):
             p, s = theta[self.place(k)], signals[-1]
             if isinstance(layer, StaticLayer):
-                out = np.array(
-                    [
-                        layer.value(c, row, p[layer.edges[c] : layer.edges[c + 1]])
-                        for c, row in enumerate(s)
-                    ]
-                )
+                out = layer.values(s, p)
             else:
                 out = np.zeros((layer.n_outputs, s.shape[1]))
                 for i, j, order, _, B, F in layer.entries(p):
@@ -103,7 +95,6 @@ class BlockChain:
 
     @property
     def n_outputs(self) -> int:
-        """Number of outputs."""
         last = self.layers[-1]
         return len(last.statics) if isinstance(last, StaticLayer) else last.n_outputs
 
@@ -203,18 +194,7 @@ class BlockChain:
 
     def admissible(self, theta: Array) -> bool:
         """Whether all poles lie inside the unit circle and limits and points of statics rise."""
-        if not np.all(np.isfinite(theta)):
-            return False
-        if not all(roots_inside(F[1:]) for F in self.denominators(theta)):
-            return False
-        for k, layer in enumerate(self.layers):
-            p = theta[self.place(k)]
-            if isinstance(layer, StaticLayer) and not all(
-                static.admissible(p[a : a + static.n])
-                for static, a in zip(layer.statics, layer.edges[:-1], strict=True)
-            ):
-                return False
-        return True
+        return bool(self.admissible_each(theta[None])[0])
 
     def admissible_each(self, thetas: Array) -> NDArray[np.bool_]:
         """``admissible`` of every row of thetas (K, n), (K,)."""
@@ -240,12 +220,7 @@ class BlockChain:
         for k, layer in enumerate(self.layers):
             p = theta[self.place(k)]
             if isinstance(layer, StaticLayer):
-                signal = np.array(
-                    [
-                        layer.value(c, row, p[layer.edges[c] : layer.edges[c + 1]])[0]
-                        for c, row in enumerate(signal[:, None])
-                    ]
-                )
+                signal = layer.values(signal[:, None], p)[:, 0]
                 continue
             out = np.zeros(layer.n_outputs)
             for i, j, order, _, B, F in layer.entries(p):

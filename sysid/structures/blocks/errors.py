@@ -19,7 +19,6 @@ class ChainErrors(RunErrors):
     Only stable chains are admissible: an unstable one has no free run to speak of.
 
     Args:
-        chain: what is run.
         estimate_initial: whether initial states are estimated or those of rest.
         data, kept, scales: as in ``RunErrors``.
     """

@@ -54,11 +54,7 @@ class HammersteinWiener(BlockStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> "HammersteinWiener":
-        """The structure with these orders; without nb and nf the fit chooses them.
-
-        Raises:
-            UsageError: an order, option or static cannot be read.
-        """
+        """The structure with these orders; without nb and nf the fit chooses them."""
         given = dict(options or {})
         refuse_options(cls.name, option_names(given), tuple(cls.traits.options))
         form = given.pop("form", "both").lower()

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,6 @@ class StaticLayer:
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return self.edges[-1]
 
     n_states = 0
@@ -53,6 +53,11 @@ class StaticLayer:
         """The output of channel k for its input x; p are the channel's parameters."""
         out: Array = self.statics[k].value(x, p) + self.offset(k, p)
         return out
+
+    def values(self, signals: Array, p: Array) -> Array:
+        """The outputs of all channels for their inputs, (channels, N)."""
+        edges = enumerate(pairwise(self.edges))
+        return np.array([self.value(c, signals[c], p[a:b]) for c, (a, b) in edges])
 
     def evaluated(self, k: int, x: Array, p: Array) -> tuple[Array, Array | None, Array]:
         """(value, slope or None where it is 1, partial derivatives) of channel k."""
@@ -92,7 +97,6 @@ class LinearLayer:
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return self.edges[-1]
 
     @cached_property
@@ -102,7 +106,6 @@ class LinearLayer:
 
     @property
     def n_states(self) -> int:
-        """Number of states."""
         return sum(self.orders)
 
     def entries(self, p: Array) -> Iterator[tuple[int, int, int, slice, Array, Array]]:
@@ -115,7 +118,6 @@ class LinearLayer:
 
     @property
     def n_outputs(self) -> int:
-        """Number of outputs."""
         return len(self.nb)
 
 

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel
-from sysid.fitting.problem import (
-    Parameter,
-)
+from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
@@ -66,7 +64,7 @@ class BlockStructure(NamedStructure):
     @property
     @abstractmethod
     def chain(self) -> BlockChain:
-        """The blocks."""
+        """The blocks, in the order in which a signal passes them."""
 
     @property
     def orders(self) -> Orders:
@@ -78,11 +76,7 @@ class BlockStructure(NamedStructure):
         return self.requested is not None and self.requested[place].open
 
     def resolved(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> Self:
-        """Settled, with the statics asked for at the channels they were asked for.
-
-        Raises:
-            UsageError: an option names a channel that does not exist.
-        """
+        """Settled, with the statics asked for at the channels they were asked for."""
         statics = self.statics
         if self.requested is not None:
             statics = tuple(
@@ -165,8 +159,7 @@ class BlockStructure(NamedStructure):
         return channel.unit if layer == "output" and name[0] == "y" else ""
 
     def settings(self) -> dict[str, Any]:
-        statics = zip(self.places, self.statics, strict=True)
-        return dict(statics)
+        return dict(zip(self.places, self.statics, strict=True))
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
@@ -176,9 +169,6 @@ class BlockStructure(NamedStructure):
         if [len(row) for row in statics] != [len(row) for row in plain.statics]:
             raise ValueError("its statics do not fit its channels")
         return replace(plain, statics=statics, requested=None, choose_orders=False)
-
-    def first_sample(self) -> int:
-        return 0
 
     def n_states(self, theta: Array) -> int:
         return self.chain.n_states
@@ -193,15 +183,6 @@ class BlockStructure(NamedStructure):
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         return self.chain.step(theta)
 
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """y − ŷ: without a noise model the one-step prediction is the free run."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return y - self.chain.run(theta, u, self.fitted_state(theta, u, y, window))
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """The free run at every horizon."""
-        return y - self.errors(theta, u, y, window)
-
     def stable(self, theta: Array) -> bool:
         """Whether all poles lie inside the unit circle.
 
@@ -211,7 +192,6 @@ class BlockStructure(NamedStructure):
         return self.chain.admissible(theta)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's free run, (N, n)."""
         if not len(u):
             return np.zeros((0, self.chain.n))
         with np.errstate(all="ignore"):
@@ -270,7 +250,7 @@ class BlockStructure(NamedStructure):
                             {"re": float(z.real), "im": float(z.imag)}
                             for z in np.roots(np.trim_zeros(B))
                         ],
-                        "static_gain": _finite(float(B.sum()), float(F.sum())),
+                        "static_gain": float(B.sum() / F.sum()) if F.sum() else None,
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
@@ -298,10 +278,6 @@ def _stage_text(stage: Stage, p: Array, argument: str) -> str:
 
 def _fresh(letter: str, n: int) -> list[str]:
     return [letter] if n == 1 else [f"{letter}{k + 1}" for k in range(n)]
-
-
-def _finite(top: float, bottom: float) -> float | None:
-    return top / bottom if bottom else None
 
 
 @poles.register

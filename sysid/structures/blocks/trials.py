@@ -30,7 +30,6 @@ class ChainData:
     """Experiments with the samples that are fitted and those that choose.
 
     Attributes:
-        records: the experiments.
         kept: samples to fit on, (N,) of each.
         holdout: samples to choose on.
         scales: standard deviation of each output.
@@ -130,7 +129,6 @@ class Trial:
 
     @property
     def chain(self) -> BlockChain:
-        """The blocks."""
         return self.structure.chain
 
     @property
@@ -267,7 +265,7 @@ def by_names(structure: BlockStructure, values: Mapping[str, float], data: Chain
 
 
 def parameter_names(structure: BlockStructure, data: ChainData) -> list[str]:
-    """Names of θ."""
+    """Names of θ, those of channels as the data have them."""
     first = data.records[0]
     return [p.name for p in structure.parameters(first.inputs, first.outputs)]
 

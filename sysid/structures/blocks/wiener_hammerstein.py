@@ -60,9 +60,6 @@ class WienerHammerstein(BlockStructure):
 
         nb1, nf1 belong to the first blocks (one an input; the current sample is their first lag)
         and nb, nf, nk to the second.
-
-        Raises:
-            UsageError: an order, option or static cannot be read.
         """
         refuse_options(cls.name, option_names(options), tuple(cls.traits.options))
         requested = requested_statics("static", options or {})

@@ -62,11 +62,7 @@ class Process(ContinuousStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these orders, or of this type.
-
-        Raises:
-            UsageError: they do not fit.
-        """
+        """The structure with these orders, or of this type."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         given = dict(options or {})
         orders = {"np": 0, "nw": 0, "nz": 0, "ni": 0, **raw}
@@ -94,7 +90,6 @@ class Process(ContinuousStructure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """The usual kinds, the smallest first."""
         kinds = ("P1D", "P2D", "P2DZ", "P2DU", "P2DUZ", "P3D", "P1DI")
         return tuple({k: v for k, v in _of_type(kind)[0].items() if v} for kind in kinds)
 
@@ -106,7 +101,6 @@ class Process(ContinuousStructure):
 
     @classmethod
     def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:
-        """Those of a type."""
         orders = _of_type(options["type"])[0] if "type" in options else {}
         return {k: v for k, v in orders.items() if v} or None
 
@@ -123,7 +117,6 @@ class Process(ContinuousStructure):
         return self.nz
 
     def path_parameters(self, u: Channel, y: Channel) -> tuple[Parameter, ...]:
-        """K, T1 …, Tw, zeta, Tz, Td."""
         gain = ratio(y.unit, u.unit)
         table = [Parameter("K", f"{gain or '1'}/s" if self.ni else gain)]
         table += [Parameter(f"T{k + 1}", "s", SHORTEST) for k in range(self.np)]
@@ -162,7 +155,6 @@ class Process(ContinuousStructure):
         return top / bottom[-1], bottom[:-1] / bottom[-1], delay
 
     def path_numbers(self, found: Found) -> Array:
-        """The nearest numbers of this kind."""
         roots = np.roots([1.0, *found.den[::-1]])
         roots = roots[np.argsort(np.abs(roots))]
         num = np.asarray(found.num, dtype=np.float64)

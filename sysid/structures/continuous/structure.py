@@ -86,7 +86,6 @@ class ContinuousStructure(RealizedStructure):
         return replace(self, lags=self.realization(theta).lag[:: 2 if self.delayed else 1])
 
     def for_fit(self, records: Sequence[Record], focus: Focus) -> Self:
-        """With the records' sample time."""
         return replace(self, dt=records[0].dt)
 
     def plain_parameters(
@@ -101,7 +100,6 @@ class ContinuousStructure(RealizedStructure):
         return tuple(table)
 
     def paths(self, theta: Any) -> list[tuple[Any, Any, Any]]:
-        """``path`` of every output and input."""
         count = self.inputs * self.outputs
         return [self.path(p) for p in np.asarray(theta)[: self.n_plain].reshape(count, -1)]
 
@@ -191,7 +189,6 @@ class ContinuousStructure(RealizedStructure):
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
-        """One transfer function a path."""
         lines = []
         for k, (num, den, delay) in enumerate(self.paths(np.asarray(theta))):
             i, j = divmod(k, self.inputs)

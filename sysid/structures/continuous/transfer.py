@@ -50,11 +50,6 @@ class ContinuousTransfer(ContinuousStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these poles and zeros.
-
-        Raises:
-            UsageError: they are missing or do not fit.
-        """
         refuse_options(cls.name, options, tuple(cls.traits.options))
         poles, zeros = raw.get("np"), raw.get("nz", 0)
         fitting = isinstance(poles, int) and isinstance(zeros, int) and set(raw) <= {"np", "nz"}
@@ -70,7 +65,6 @@ class ContinuousTransfer(ContinuousStructure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """Up to three poles."""
         pairs = ((1, 0), (2, 0), (2, 1), (3, 1), (3, 2))
         return tuple({"np": p, "nz": z} for p, z in pairs)
 
@@ -86,7 +80,6 @@ class ContinuousTransfer(ContinuousStructure):
         return self.nz
 
     def path_parameters(self, u: Channel, y: Channel) -> tuple[Parameter, ...]:
-        """b0 …, a0 …, Td."""
         gain = ratio(y.unit, u.unit)
         table = [Parameter(f"b{k}", _per(gain, self.np - k)) for k in range(self.nz + 1)]
         table += [Parameter(f"a{k}", _per("", self.np - k)) for k in range(self.np)]

@@ -63,7 +63,6 @@ class ChunkedRuns(Problem):
     Each output's errors are divided by its scale, so that all count alike.
 
     Args:
-        run: the equations.
         data: (u, y) of each record.
         length: samples a chunk, about; those of one record are equally long.
         scale: (ny,); the outputs' spreads when None.
@@ -114,7 +113,6 @@ class ChunkedRuns(Problem):
         return np.concatenate([errors, self._pull * (p[self._drawn] - self._centre)])
 
     def jacobian(self, p: Array) -> Array:
-        """∂/∂p of it."""
         theta, outputs = self._outputs(p)
         S = self._run.slopes_over(theta, self._chunks, outputs) / -self._scale[:, None, None]
         J = S[..., self.index].transpose(2, 1, 0, 3)[self._inside]

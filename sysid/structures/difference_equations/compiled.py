@@ -10,8 +10,7 @@ is scanned. ``jax.jacfwd`` through the scan gives the same numbers but carries e
 network through every step for every parameter, some twenty times slower.
 """
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Hashable
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
@@ -57,50 +56,21 @@ class WeightedChunks(NamedTuple):
     limits: Values
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledRuns:
-    """Functions of (θ, frames, chunks).
-
-    Attributes:
-        outputs: ŷ (L, ny, B), ready for ``jit`` and ``vmap``.
-        residual: weight·(y − ŷ), flat over (L, ny, B), likewise.
-        jacobian: its derivative, (L·ny·B, n), likewise.
-        runs: ``outputs``, compiled.
-        slopes: ∂ŷ/∂θ (L, ny, B, n), compiled.
-        partial: (θ, frames, signals (N, …)) → ∂F/∂θ (N, ny, n) alone, compiled.
-    """
-
-    outputs: Callable[..., Values]
-    residual: Callable[..., Values]
-    jacobian: Callable[..., Values]
-    runs: Callable[..., Values]
-    slopes: Callable[..., Values]
-    partial: Callable[..., Values]
-
-
 HUGE = 1e8
 """Slope beyond which one is cut: a chunk in which the model is locally unstable must not flood the
 solver with infinities."""
 
 
-@lru_cache(maxsize=64)
-def compiled_runs(equations: Equations) -> CompiledRuns:
-    """The functions for some equations."""
-    from sysid.runners.compiled import jax_module
+class CompiledRuns:
+    """The equations over chunks side by side, in jax.numpy: functions of (θ, frames, chunks).
 
-    jax, traced = jax_module(), _Traced(equations)
-    return CompiledRuns(
-        traced.outputs,
-        traced.residual,
-        traced.jacobian,
-        jax.jit(traced.outputs),
-        jax.jit(traced.slopes),
-        jax.jit(lambda theta, frames, known: traced.partial(theta, frames, known)[0]),
-    )
+    ``outputs``, ``residual`` and ``jacobian`` are ready for ``jit`` and ``vmap``.
 
-
-class _Traced:
-    """The equations over chunks side by side, in jax.numpy."""
+    Attributes:
+        runs: ``outputs``, compiled.
+        slopes: ∂ŷ/∂θ (L, ny, B, n), compiled.
+        partial: (θ, frames, signals (N, …)) → ∂F/∂θ (N, ny, n) alone, compiled.
+    """
 
     def __init__(self, equations: Equations) -> None:
         from sysid.runners.compiled import jax_module
@@ -111,6 +81,9 @@ class _Traced:
         self.past = [s for s in equations.signals if s.kind == "y"]
         self.inputs = [s for s in equations.signals if s.kind == "u"]
         self.place = equations.signals.index
+        self.runs = self.jax.jit(self.outputs)
+        self.slopes = self.jax.jit(lambda *given: self.cut(self.along(*given)))
+        self.partial = self.jax.jit(lambda *given: self.partials(*given)[0])
 
     def lagged_inputs(self, data: WeightedChunks) -> list[Values]:
         """The inputs of all samples, (L, B) each, behind as many places as past outputs take."""
@@ -159,15 +132,11 @@ class _Traced:
         slopes = -self.along(theta, frames, data) * data.weight[..., None]
         return self.cut(slopes).reshape(-1, slopes.shape[-1])
 
-    def slopes(self, theta: Values, frames: Any, data: WeightedChunks) -> Values:
-        """∂ŷ/∂θ (L, ny, B, n)."""
-        return self.cut(self.along(theta, frames, data))
-
     def cut(self, slopes: Values) -> Values:
         """Without what is too large, or no number."""
         return self.jnp.nan_to_num(self.jnp.clip(slopes, -HUGE, HUGE))
 
-    def partial(self, theta: Values, frames: Any, known: Values) -> tuple[Values, Values]:
+    def partials(self, theta: Values, frames: Any, known: Values) -> tuple[Values, Values]:
         """∂F/∂θ (N, ny, n) and ∂F/∂(past outputs) (N, ny, signals) for known signals (N, …)."""
         jax, jnp, at = self.jax, self.jnp, len(self.past)
 
@@ -177,8 +146,8 @@ class _Traced:
             return jnp.stack(of_outputs(known, of_inputs(known)))
 
         each = jax.vmap(jax.jacrev(values, (0, 1)), (None, 0, 0))
-        partials: tuple[Values, Values] = each(theta, known[:, :at], known[:, at:])
-        return partials
+        found: tuple[Values, Values] = each(theta, known[:, :at], known[:, at:])
+        return found
 
     def along(self, theta: Values, frames: Any, data: WeightedChunks) -> Values:
         """S(t) = ∂F/∂θ(t) + Σ_l ∂F/∂ŷ(t−l) S(t−l), anew where a run begins, (L, ny, B, n)."""
@@ -191,7 +160,7 @@ class _Traced:
         inside = (run > data.limits[:, :1]) & (run < data.limits[:, 1:])
         explicit, pulls = (
             d.reshape(length, batch, self.ny, -1).transpose(0, 2, 1, 3) * inside[..., None]
-            for d in self.partial(theta, frames, flat)
+            for d in self.partials(theta, frames, flat)
         )
         if not self.past:
             return explicit
@@ -205,3 +174,9 @@ class _Traced:
 
         S0 = jnp.zeros((len(data.past), *explicit.shape[1:]))
         return self.jax.lax.scan(advance, S0, (explicit, pulls, data.restart))[1]
+
+
+@lru_cache(maxsize=64)
+def compiled_runs(equations: Equations) -> CompiledRuns:
+    """The functions for some equations, each compiled once."""
+    return CompiledRuns(equations)

@@ -61,7 +61,6 @@ class FreeRun(ABC):
 
     Args:
         used: signals that occur in the equations.
-        nu: number of inputs.
         limits: bounds of each output.
 
     Attributes:

@@ -176,18 +176,3 @@ def _factors(e: Expression, text: str) -> Iterator[Signal]:
         yield from list(_factors(e.args[0], text)) * int(e.args[1].value)
     else:
         raise cannot_read("terms", text, "it is no product of signals with a time")
-
-
-def to_json(t: Term) -> list[list[object]]:
-    """The term as JSON: [[kind, channel, lag], …]."""
-    return [[f.kind, f.channel, f.lag] for f in t]
-
-
-def from_json(raw: Sequence[Sequence[object]]) -> Term:
-    """Undo ``to_json``."""
-    monomials = []
-    for kind, channel, lag in raw:
-        if kind not in ("y", "u", "e"):
-            raise ValueError(f"unknown signal {kind!r} in a term")
-        monomials.append(Signal(str(kind), int(str(channel)), int(str(lag))))
-    return term(monomials)

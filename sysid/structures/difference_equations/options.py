@@ -12,11 +12,7 @@ Given = Mapping[str, str]
 
 
 def whole_number(given: Given, name: str, low: int, high: int, structure: str) -> int | None:
-    """An option that is a whole number; None where it is not given or ``auto``.
-
-    Raises:
-        UsageError: it is no number, or out of range.
-    """
+    """An option that is a whole number; None where it is not given or ``auto``."""
     text = given.get(name, "auto").strip()
     if text == "auto":
         return None

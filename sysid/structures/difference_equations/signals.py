@@ -42,7 +42,6 @@ class OneOutput:
     """The view of one output on data and signals.
 
     Args:
-        output: which one.
         nu, ny: inputs and outputs of the structure.
 
     Attributes:
@@ -67,7 +66,6 @@ class OneOutput:
         return Signal("u", self._own_inputs + self._others.index(s.channel), s.lag)
 
     def outward(self, s: Signal) -> Signal:
-        """Undo ``inward``."""
         if s.kind == "y":
             return Signal("y", self._output, s.lag)
         if s.channel < self._own_inputs:

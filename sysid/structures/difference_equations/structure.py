@@ -1,12 +1,13 @@
 """Base class of structures whose outputs feed back through a nonlinear equation."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from sysid.data.documents import by_field
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.fitting.batched import OneTrial, descend_alone
 from sysid.fitting.problem import Data, Problem
@@ -93,12 +94,9 @@ class RecursiveStructure(NamedStructure):
     def order_values(self) -> dict[str, Any]:
         return {name: self.orders.value(name) for name in self.traits.order_names}
 
-    def range_settings(self) -> dict[str, Any]:
-        """The ranges of the data, as ``settings`` stores them."""
-        return {
-            "output_range": [list(pair) for pair in self.output_range],
-            "input_range": [list(pair) for pair in self.input_range],
-        }
+    def settings(self) -> dict[str, Any]:
+        """Every field besides the orders."""
+        return {name: value for name, value in by_field(self).items() if name != "orders"}
 
     def with_ranges(self, records: Sequence[Record]) -> Self:
         """The structure with the lowest and highest value of each channel."""
@@ -162,7 +160,6 @@ class RecursiveStructure(NamedStructure):
         return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
         entries, first = self.row_index(output), self.first_sample()
         out = np.zeros((len(y), len(theta)))
         if len(y) > first:
@@ -208,11 +205,3 @@ class RecursiveStructure(NamedStructure):
     def largest_input_step(self) -> Sequence[float] | None:
         """Largest change of each input from one sample to the next, where it is known."""
         return None
-
-
-def ranges_from(settings: Mapping[str, Any]) -> dict[str, Limits]:
-    """Undo ``range_settings``."""
-    return {
-        name: tuple((float(low), float(high)) for low, high in settings[name])
-        for name in ("output_range", "input_range")
-    }

@@ -19,23 +19,17 @@ machine rank such equations in either order."""
 
 
 class Judged(Protocol):
-    """An equation with its free-run error on held-out data."""
+    """An equation: its free-run error on held-out data over the spread of the output, how many of
+    its parameters count, where it came from, and the iterations spent on it."""
 
     @property
-    def error(self) -> float:
-        """Error relative to the spread of the output."""
-
+    def error(self) -> float: ...
     @property
-    def size(self) -> int:
-        """Parameters that count."""
-
+    def size(self) -> int: ...
     @property
-    def how(self) -> str:
-        """Where it came from, in words."""
-
+    def how(self) -> str: ...
     @property
-    def evaluations(self) -> int:
-        """Iterations spent on it."""
+    def evaluations(self) -> int: ...
 
 
 Trial = TypeVar("Trial", bound=Judged)

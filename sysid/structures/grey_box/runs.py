@@ -148,7 +148,12 @@ def _chunks(inputs: Sequence[Array]) -> Array:
 def trajectory(
     structure: "AnyBox", theta: Array, inputs: Sequence[Array], x0: Array
 ) -> tuple[list[Any], list[Array]]:
-    """States at the samples of each chunk (CHUNK, n, records), and ŷ (N, ny) of each record."""
+    """States at the samples of each chunk (CHUNK, n, records), and ŷ (N, ny) of each record.
+
+    Args:
+        inputs: u (N, nu) of each record.
+        x0: initial states, (n, records).
+    """
     run, _ = compiled_runs(structure.physics)
     states, parts, x = [], [], x0
     theta = np.asarray(theta, dtype=np.float64)
@@ -158,16 +163,6 @@ def trajectory(
         parts.append(np.asarray(y))
     joined = np.concatenate(parts)
     return states, [joined[: len(u), :, k] for k, u in enumerate(inputs)]
-
-
-def free_run(structure: "AnyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
-    """ŷ (N, ny) of each record.
-
-    Args:
-        inputs: u (N, nu) of each record.
-        x0: initial states, (n, records).
-    """
-    return trajectory(structure, theta, inputs, x0)[1]
 
 
 def stays_bounded(structure: "AnyBox", theta: Array) -> bool:
@@ -241,7 +236,6 @@ class GreyErrors(RunErrors):
     """Free-run errors of a grey box.
 
     Args:
-        structure: the grey box.
         estimate_initial: whether initial states are estimated, or all zero.
         wanted: entries of θ that will be moved, all when None: other columns of the Jacobian are
             zero and cost nothing.
@@ -333,7 +327,7 @@ def fitted_state(structure: "AnyBox", theta: Array, u: Array, y: Array, samples:
     pull = PULL * np.where(seen > 0.0, seen, 1.0 / typical)
 
     def tried(x: Array, _: Index) -> OneTrial:
-        e = (y[:k] - free_run(structure, theta, [u[:k]], x[0][:, None])[0]) / scale
+        e = (y[:k] - trajectory(structure, theta, [u[:k]], x[0][:, None])[1][0]) / scale
         errors = np.concatenate([e.T.ravel(), pull * (prior - x[0])])
         return OneTrial(errors, lambda: np.vstack([slopes(x[0]), np.diag(pull)]))
 

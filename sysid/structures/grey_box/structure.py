@@ -21,7 +21,7 @@ from sysid.runners import floats
 from sysid.runners.single import in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.physics import MAX_SUBSTEPS, Physics, Sampling
-from sysid.structures.grey_box.runs import fitted_state, free_run, stays_bounded, tangents
+from sysid.structures.grey_box.runs import fitted_state, stays_bounded, tangents, trajectory
 from sysid.structures.motion import time_constants
 from sysid.structures.physics import friction_entries, torques
 from sysid.structures.special_runs import readout
@@ -97,11 +97,7 @@ class GreyBox(NamedStructure, Generic[P]):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these options; grey boxes have no orders.
-
-        Raises:
-            UsageError: orders are given, or an option does not exist or cannot be read.
-        """
+        """The structure with these options; grey boxes have no orders."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         if raw:
             raise UsageError(
@@ -129,7 +125,6 @@ class GreyBox(NamedStructure, Generic[P]):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """One entry without orders."""
         return ({},)
 
     def order_values(self) -> dict[str, Any]:
@@ -154,9 +149,6 @@ class GreyBox(NamedStructure, Generic[P]):
         physics: Any = checked(cls.physics_class, {**settings, "nu": nu, "ny": ny})
         return cls(physics, checked(Sampling, sampling), opened)
 
-    def first_sample(self) -> int:
-        return 0
-
     def n_states(self, theta: Array) -> int:
         return len(self.physics.state_names)
 
@@ -165,9 +157,8 @@ class GreyBox(NamedStructure, Generic[P]):
         return fitted_state(self, theta, u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0 (all states zero when None), (N, ny)."""
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
-        return free_run(self, theta, [u], x[:, None])[0]
+        return trajectory(self, theta, [u], x[:, None])[1][0]
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """The free run sample by sample: the same equations as the compiled runs."""
@@ -189,15 +180,6 @@ class GreyBox(NamedStructure, Generic[P]):
 
         return advance
 
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """Free-run errors: nothing but the initial state is taken from the outputs."""
-        x0 = self.fitted_state(theta, u, y, window) if window else None
-        return np.asarray(y - self.simulate(theta, u, x0))
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """The free run, whatever the horizon: there is no noise model."""
-        return np.asarray(y - self.errors(theta, u, y, window))
-
     def stable(self, theta: Array) -> bool:
         """Whether a long run stays finite and grows no faster than an integral would.
 
@@ -211,7 +193,6 @@ class GreyBox(NamedStructure, Generic[P]):
         return stays_bounded(self, theta) if known is None else known
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of the free run, (N, n)."""
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
         return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
 

@@ -39,7 +39,6 @@ class TanksPhysics(Physics):
 
     @classmethod
     def from_options(cls, given: Mapping[str, str], nu: int, ny: int) -> Self:
-        """One pump, one level; no options."""
         if (nu, ny) != (1, 1):
             raise UsageError(
                 f"tanks needs one input (pump) and one output (lower level), got {nu} and {ny}"
@@ -48,7 +47,6 @@ class TanksPhysics(Physics):
 
     @property
     def constants(self) -> tuple[Constant, ...]:
-        """Flows per second, outlets and limits."""
         return (
             Constant("k1", "1/s", 0.05, 0.0, spread=2.0, words="outflow of the upper tank"),
             Constant("k2", "1/s", 0.05, 0.0, spread=2.0, words="outflow of the lower tank"),

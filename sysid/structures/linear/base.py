@@ -1,7 +1,7 @@
 """What every linear structure can be asked: its transfer matrix, and its constant as an input."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -11,6 +11,7 @@ from sysid.data.record import Array, Index
 from sysid.errors import ModelError
 from sysid.structures.base import NamedStructure
 from sysid.structures.linear.transfer import TransferMatrix
+from sysid.structures.special_runs import readout
 
 REAL = 1e-9
 """Imaginary and real parts below it are zero."""
@@ -35,6 +36,15 @@ class LinearStructure(NamedStructure):
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """(A, B, C, D) of x⁺ = A x + B u, y = C x + D u with the states of ``step``."""
         return self.transfer(theta).matrices
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        A, B, _, _ = self.matrices(theta)
+        read = readout(self, theta)
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            return A @ x + B @ u, read(x, u)
+
+        return advance
 
     def in_continuous_time(self, theta: Array, dt: float) -> tuple[Array, Array, Array, Array]:
         """(A, B, C, D) of ẋ = A x + B u, y = C x + D u with these samples where u is held.
@@ -72,3 +82,12 @@ class LinearStructure(NamedStructure):
     @abstractmethod
     def steady(self, theta: Array) -> tuple[Array, Array]:
         """A (ny, ny) and B (ny, nu) of A y = B u where nothing moves; infinite where y drifts."""
+
+
+@readout.register
+def _(s: LinearStructure, theta: Array) -> Callable[[Array, Array], Array]:
+    """y = C x + D u; D is zero wherever a command acts a sample later."""
+    _, _, C, D = s.matrices(theta)
+    if not np.any(D):
+        return lambda x, u: C @ x
+    return lambda x, u: C @ x + D @ u

@@ -1,6 +1,6 @@
 """The shared algebra of ARX, ARMAX, OE and BJ: A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar, Self
@@ -17,11 +17,11 @@ from sysid.structures.base import refuse_options
 from sysid.structures.linear import many_thetas
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
-from sysid.structures.linear.predictor import RowErrors, RowLayout
+from sysid.structures.linear.predictor import RowErrors, RowLayout, impulse
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, spread
-from sysid.structures.special_runs import readout, stable_each, stable_parts, traced_step
+from sysid.structures.special_runs import stable_each, stable_parts, traced_step
 from sysid.structures.traits import Traits
 
 linear_traits = partial(
@@ -166,16 +166,6 @@ class PolynomialStructure(LinearStructure):
         with np.errstate(over="ignore", invalid="ignore"):
             return self.transfer(theta).simulate(u, x0)
 
-    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """x⁺ = A x + B u, y = C x + D u with the matrices of G(q)."""
-        A, B, _, _ = self.transfer(theta).matrices
-        read = readout(self, theta)
-
-        def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            return A @ x + B @ u, read(x, u)
-
-        return advance
-
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; unknown initial states are fitted on the first ``window`` samples."""
         out = np.full(y.shape, np.nan)
@@ -184,7 +174,9 @@ class PolynomialStructure(LinearStructure):
             if len(y) <= lay.start + lay.nd:
                 continue
             if not lay.n_initial:
-                out[lay.start :, i] = self._equation_errors(theta, u, y, i)
+                # A y − B u without a matrix of regressors
+                terms = lay.weighed(theta[self.row_index(i)])
+                out[lay.start :, i] = residual_row((*y.T, *u.T), lay.start, i, terms)
                 continue
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
@@ -217,23 +209,15 @@ class PolynomialStructure(LinearStructure):
             missing[lag:] |= np.isnan(e[:-lag])
         return np.where(missing, np.nan, y - k_step)
 
-    def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
-        """A y − B u of one output from its first sample on, without a matrix of regressors."""
-        lay = self.layout(i)
-        terms = lay.weighed(theta[self.row_index(i)])
-        return residual_row((*y.T, *u.T), lay.start, i, terms)
-
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
         p = self.polynomials(theta)
         det, adj = determinant(p.A), adjugate(p.A)
-        impulse = np.zeros(n)
-        impulse[:1] = 1.0
         h = np.zeros((n, self.ny, self.ny))
         with np.errstate(over="ignore", invalid="ignore"):
             for i in range(self.ny):
                 for j in range(self.ny):
-                    shaped = lfilter(np.convolve(adj[i][j], p.C[j]), p.D[j], impulse)
+                    shaped = lfilter(np.convolve(adj[i][j], p.C[j]), p.D[j], impulse(n))
                     h[:, i, j] = lfilter([1.0], det, shaped)
         return h
 
@@ -307,19 +291,13 @@ def pole_words(z: complex, dt: float) -> dict[str, float]:
 
 def _text(polynomial: Array) -> str:
     """``(1 - 0.81 q^-1)``: the polynomial with five significant digits."""
-    parts: list[str] = []
-    for k, value in enumerate(polynomial):
-        if value == 0.0:
-            continue
-        power = "" if k == 0 else f" q^-{k}"
-        number = f"{abs(value):.5g}"
-        sign = "-" if value < 0 else "+"
-        parts.append(
-            f"{'-' if sign == '-' else ''}{number}{power}"
-            if not parts
-            else f"{sign} {number}{power}"
-        )
-    return "(" + (" ".join(parts) or "0") + ")"
+    terms = [
+        f"{'-' if value < 0 else '+'} {abs(value):.5g}" + (f" q^-{k}" if k else "")
+        for k, value in enumerate(polynomial)
+        if value != 0.0
+    ]
+    text = " ".join(terms).removeprefix("+ ") or "0"
+    return f"({'-' + text[2:] if text.startswith('- ') else text})"
 
 
 @lru_cache(maxsize=32)
@@ -337,15 +315,6 @@ def _(s: PolynomialStructure, theta: Array) -> NDArray[np.complex128]:
         return s.transfer(theta).poles()
     bottom = np.trim_zeros(determinant(s.polynomials(theta).A), "b")
     return np.roots(bottom).astype(np.complex128)
-
-
-@readout.register
-def _(s: PolynomialStructure, theta: Array) -> Callable[[Array, Array], Array]:
-    """y = C x + D u; D is zero wherever a command acts a sample later."""
-    _, _, C, D = s.transfer(theta).matrices
-    if not np.any(D):
-        return lambda x, u: C @ x
-    return lambda x, u: C @ x + D @ u
 
 
 @stable_parts.register

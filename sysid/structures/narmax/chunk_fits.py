@@ -110,7 +110,6 @@ class _Batch:
         return _Trial(self, each, self._run.outputs_over(each, self._chunks), which)
 
     def squares(self, outputs: Array) -> Array:
-        """Squared error of each fit."""
         with np.errstate(over="ignore", invalid="ignore"):
             errors = self._inside * (outputs[:, 0] - self._y) ** 2
             return self._by_fit(errors.sum(axis=0))

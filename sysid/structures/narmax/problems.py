@@ -18,7 +18,6 @@ class OneStep(Problem):
     Args:
         terms: terms of the output's equation.
         at: place of its first coefficient in the structure's θ.
-        output: which output.
         data: (u, y) of each record.
         first: first sample whose terms lie inside the record; ε before it is zero.
     """
@@ -37,11 +36,9 @@ class OneStep(Problem):
         self._targets = [y[first:, output] for _, y in data]
 
     def residual(self, p: Array) -> Array:
-        """ε, record after record."""
         return np.concatenate([np.zeros(0), *self._errors(p)])
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂θ."""
         blocks = []
         for values, e in zip(self._values, self._errors(p), strict=True):
             J = -values.copy()

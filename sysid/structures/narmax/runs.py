@@ -57,7 +57,6 @@ class PolynomialRun(FreeRun):
 
     Args:
         terms: terms of each output; θ stacks their coefficients in this order.
-        nu: number of inputs.
         limits: bounds of each output.
     """
 

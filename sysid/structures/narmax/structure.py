@@ -1,29 +1,25 @@
 """NARMAX: a polynomial in lagged outputs, inputs and errors, its terms chosen from the data."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.schema import completed
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
-from sysid.fitting.problem import (
-    Data,
-    Parameter,
-)
+from sysid.fitting.problem import Data, Parameter
 from sysid.structures.base import counts_from_zero, lacks_constant, refuse_options
 from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.monomials import (
     MAX_DEGREE,
     Term,
-    from_json,
     is_noise,
     parsed,
     pool,
     printed,
-    to_json,
     typed_name,
 )
 from sysid.structures.difference_equations.options import (
@@ -34,7 +30,7 @@ from sysid.structures.difference_equations.options import (
     whole_number,
 )
 from sysid.structures.difference_equations.signals import Signal, lagged_signals
-from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
+from sysid.structures.difference_equations.structure import RecursiveStructure
 from sysid.structures.narmax.problems import OneStep
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, Orders, spread
@@ -106,7 +102,7 @@ class NARMAX(RecursiveStructure):
     selection: str = "auto"
     margin: float = MARGIN
     terms: tuple[tuple[Term, ...], ...] = ()
-    err: tuple[tuple[float, ...], ...] = ()
+    err: tuple[tuple[float, ...], ...] = field(default=(), metadata={"alias": "err_percent"})
     input_step: tuple[float, ...] = ()
 
     name: ClassVar[str] = "narmax"
@@ -165,36 +161,10 @@ class NARMAX(RecursiveStructure):
             return ({"na": largest, "nb": largest + 1, "nk": 0},)
         return ({"na": largest, "nb": largest, "nk": delay},)
 
-    def settings(self) -> dict[str, Any]:
-        """Options, the terms with their error reduction ratios, and the ranges of the data."""
-        return {
-            "degree": self.degree,
-            "size": self.size,
-            "noise_lags": self.noise_lags,
-            "selection": self.selection,
-            "margin": self.margin,
-            "terms": [[to_json(t) for t in row] for row in self.terms],
-            "err_percent": [list(row) for row in self.err],
-            **self.range_settings(),
-            "input_step": list(self.input_step),
-        }
-
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NARMAX":
-        known = raw["settings"]
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
-        structure = cls(
-            plain.orders,
-            degree=int(known["degree"]),
-            size=int(known["size"]),
-            noise_lags=int(known["noise_lags"]),
-            selection=str(known["selection"]),
-            margin=float(known["margin"]),
-            terms=tuple(tuple(from_json(t) for t in row) for row in known["terms"]),
-            err=tuple(tuple(float(v) for v in row) for row in known["err_percent"]),
-            input_step=tuple(float(v) for v in known["input_step"]),
-            **ranges_from(known),
-        )
+        structure = completed(cls, raw["settings"], orders=plain.orders)
         require_inside(structure.terms, structure.orders)
         return structure
 

@@ -51,7 +51,6 @@ class Trial:
 
     @property
     def size(self) -> int:
-        """Number of terms."""
         return len(self.terms)
 
 
@@ -72,7 +71,6 @@ class Row:
 
     Args:
         structure: with the ranges of the data.
-        output: which output.
         records: estimation data, offsets removed.
     """
 
@@ -131,7 +129,6 @@ class Row:
         return term([self.view.inward(f) for f in t])
 
     def outward(self, t: Term) -> Term:
-        """Undo ``inward``."""
         return term([self.view.outward(f) for f in t])
 
     def free_run(self, terms: Sequence[Term]) -> PolynomialRun:

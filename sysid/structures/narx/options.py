@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from sysid.data.schema import checked
 from sysid.errors import UsageError
 from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
 from sysid.structures.difference_equations.regressors import MAX_REGRESSORS, Row
@@ -53,14 +51,6 @@ class NarxOptions:
     seed: int = 0
     margin: float = MARGIN
 
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
-        """Undo ``to_json``."""
-        options = checked(NarxOptions, raw)
-        if options.estimator not in KINDS:
-            raise ValueError(f"unknown estimator {options.estimator!r}")
-        return options
-
 
 def read(given: Mapping[str, str]) -> NarxOptions:
     """Options from text.
@@ -86,11 +76,7 @@ def _whole(given: Mapping[str, str], name: str, low: int, high: int) -> int | No
 
 
 def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
-    """Refuse outputs without regressors, and more than a network can use.
-
-    Raises:
-        UsageError: there are such.
-    """
+    """Refuse outputs without regressors, and more than a network can use."""
     for i in range(orders.ny):
         count = len(lagged_signals(orders, i)) + (len(customs[i]) if customs else 0)
         if count == 0:

@@ -99,7 +99,6 @@ class NarxRun(FreeRun):
         rows: regressors of each output.
         designs: what else makes each row.
         estimator: kind of its units, a name of KINDS.
-        nu: number of inputs.
         limits: bounds of each output.
         compiled_from: samples from which one run is compiled.
     """

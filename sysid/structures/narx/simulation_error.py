@@ -111,7 +111,6 @@ class RowRuns:
 
     Args:
         structure: with the ranges of the data.
-        output: which output.
         data: what to fit on and what to choose on.
         largest: most products and units that any map has, and dimensions that units see: they
             decide what is compiled.
@@ -353,7 +352,6 @@ class Padded:
         return Prior(lower, upper, free > 0.0, share, to_zero > 0.0)
 
     def cut(self, k: int, row: Array) -> Array:
-        """Undo ``stacked`` for one trial."""
         _, t, units, m = self.designs[k].sizes
         w = split(row, *self.size)
         return np.concatenate([
@@ -362,7 +360,6 @@ class Padded:
         ])  # fmt: skip
 
     def maps(self, row: RowRuns) -> Maps:
-        """What is compiled."""
         return Maps((row.row,), (self.size,), row.estimator)
 
 

@@ -7,28 +7,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.data.record import Array, Channel
-from sysid.data.schema import checked
-from sysid.fitting.problem import (
-    Data,
-    Parameter,
-    Problem,
-)
+from sysid.data.schema import completed
+from sysid.fitting.problem import Data, Parameter, Problem
 from sysid.structures.base import refuse_options
 from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.regressors import Row, columns, custom
 from sysid.structures.difference_equations.signals import lagged_signals
-from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
+from sysid.structures.difference_equations.structure import RecursiveStructure
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
 from sysid.structures.narx.run import LONG, Maps, NarxRun
-from sysid.structures.narx.wavelet_network import (
-    KINDS,
-    Kind,
-    RowDesign,
-)
+from sysid.structures.narx.wavelet_network import KINDS, Kind, RowDesign
 from sysid.structures.orders import spread
 from sysid.structures.traits import Traits
 
@@ -40,8 +32,6 @@ class OneStepRow(Problem):
     """ε(t) = y(t) − F(x(t)) of one output.
 
     Args:
-        run: the maps.
-        output: which one.
         data: (u, y) of each record.
     """
 
@@ -57,7 +47,6 @@ class OneStepRow(Problem):
         self._y = np.concatenate([y[first:, output] for _, y in data])
 
     def residual(self, p: Array) -> Array:
-        """ε, record after record."""
         place = self._maps.signals.index
         of_inputs, of_outputs = self._maps.parts(np, p, self._frames, place)
         blocks = [self._known[a : a + BLOCK].T for a in range(0, len(self._known), BLOCK)]
@@ -65,7 +54,6 @@ class OneStepRow(Problem):
         return np.asarray(self._y - np.concatenate([np.zeros(0), *values]))
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂θ."""
         n = len(self._known)
         # powers of two: records of other lengths find what was compiled
         padded = np.zeros((1 << max(n - 1, 0).bit_length(), self._known.shape[1]))
@@ -86,8 +74,8 @@ class NarxWavelet(RecursiveStructure):
     and so is every output kept: the model says nothing about where it has seen no data.
     """
 
-    options_given: NarxOptions = field(default_factory=NarxOptions)
-    customs: tuple[Row, ...] = ()
+    options_given: NarxOptions = field(default_factory=NarxOptions, metadata={"alias": "options"})
+    customs: tuple[Row, ...] = field(default=(), metadata={"alias": "regressors"})
     designs: tuple[RowDesign, ...] = ()
 
     name: ClassVar[str] = "narx-wavelet"
@@ -108,7 +96,6 @@ class NarxWavelet(RecursiveStructure):
 
     @property
     def kind(self) -> Kind:
-        """The estimator."""
         return KINDS[self.options_given.estimator]
 
     # ----------------------------------------------------------------- making one
@@ -140,25 +127,17 @@ class NarxWavelet(RecursiveStructure):
         return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
 
     def settings(self) -> dict[str, Any]:
-        """Options, custom regressors, and what the fit read off the data."""
-        return {
-            "options": self.options_given,
-            "regressors": [[written(e) for e in row] for row in self.customs],
-            "designs": self.designs,
-            **self.range_settings(),
-        }
+        """Custom regressors as text."""
+        return super().settings() | {"regressors": [[*map(written, row)] for row in self.customs]}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NarxWavelet":
         known, nu, ny = raw["settings"], int(raw["nu"]), int(raw["ny"])
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
-        structure = cls(
-            spread(raw["orders"], "ab", nu, ny, cls.name),
-            options_given=NarxOptions.from_json(known["options"]),
-            customs=customs,
-            designs=checked(tuple[RowDesign, ...], known["designs"]),
-            **ranges_from(known),
-        )
+        orders = spread(raw["orders"], "ab", nu, ny, cls.name)
+        structure = completed(cls, known, orders=orders, customs=customs)
+        if structure.options_given.estimator not in KINDS:
+            raise ValueError(f"unknown estimator {structure.options_given.estimator!r}")
         narx_options.check_designs(structure.rows, structure.designs)
         return structure
 
@@ -192,10 +171,6 @@ class NarxWavelet(RecursiveStructure):
 
     def one_step(self, i: int, data: Data) -> OneStepRow:
         return OneStepRow(self.free_run(), i, data)
-
-    # ----------------------------------------------------------------- runs
-
-    # ----------------------------------------------------------------- words
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -9,6 +9,7 @@ cross-validation, N V/(N − p)² with p parameters (Craven & Wahba 1979).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations_with_replacement, product
 
 import numpy as np
@@ -196,7 +197,7 @@ def select_products(
         return (), 0
     rows = _rows(len(y))
     z = scaled(design, x[rows])
-    columns = Candidates.of(product_columns(z, pool))
+    columns = Candidates(product_columns(z, pool))
     order, allowed = _ordered(z, columns, y[rows], None, most)
     return tuple(pool[k] for k in order), allowed
 
@@ -207,16 +208,14 @@ class Candidates:
 
     Attributes:
         values: on the rows that choose, (rows, M).
-        products: valuesᵀ values, (M, M).
     """
 
     values: Array
-    products: Array
 
-    @staticmethod
-    def of(values: Array) -> "Candidates":
-        """With their products."""
-        return Candidates(values, values.T @ values)
+    @cached_property
+    def products(self) -> Array:
+        """valuesᵀ values, (M, M)."""
+        return self.values.T @ self.values
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +258,7 @@ def dictionary(
         units_of_dictionary.append(units)
         owners += [view] * len(units[0])
     shape, place, flag = (np.concatenate(parts) for parts in zip(*units_of_dictionary, strict=True))
-    columns = Candidates.of(np.concatenate(values, axis=1))
+    columns = Candidates(np.concatenate(values, axis=1))
     return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
 
 

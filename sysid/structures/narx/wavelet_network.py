@@ -195,7 +195,6 @@ class RowDesign:
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return size(*self.sizes)
 
     def frame(self) -> Frame:

@@ -1,7 +1,7 @@
 """Linear structures whose θ is turned into state-space matrices: runs, errors, slopes and steps."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -17,7 +17,6 @@ from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import pole_words
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
-from sysid.structures.special_runs import readout
 from sysid.structures.state_space.realization import Realization, moved, run
 
 AT_ONCE = 1 << 20
@@ -145,15 +144,6 @@ class RealizedStructure(LinearStructure, Searchable):
         r = self.realization(np.asarray(theta))
         return r.core + sum(r.waiting)
 
-    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        A, B, _, _ = self.matrices(theta)
-        read = readout(self, theta)
-
-        def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            return A @ x + B @ u, read(x, u)
-
-        return advance
-
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         r = self.realization(np.asarray(theta))
         x0 = np.zeros(r.core + sum(r.waiting)) if x0 is None else np.asarray(x0)
@@ -229,14 +219,6 @@ class RealizedStructure(LinearStructure, Searchable):
 @poles.register
 def _(s: RealizedStructure, theta: Array) -> NDArray[np.complex128]:
     return np.linalg.eigvals(s.realization(np.asarray(theta)).A).astype(np.complex128)
-
-
-@readout.register
-def _(s: RealizedStructure, theta: Array) -> Callable[[Array, Array], Array]:
-    _, _, C, D = s.matrices(theta)
-    if not np.any(D):
-        return lambda x, u: C @ x
-    return lambda x, u: C @ x + D @ u
 
 
 def _one_step(r: Realization, u: Array, y: Array) -> tuple[Realization, Array]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from sysid.data.documents import plain_object
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError
+from sysid.errors import UsageError
 from sysid.testbench.motor.drive import DriveLog
 from sysid.testbench.motor.drive_fit import fit_all
 from sysid.testbench.motor.equations import PUBLISHED, MotorConstants
@@ -21,8 +22,8 @@ from sysid.testbench.motor.plausibility import (
     MOST_RATIO,
     contradictions,
     misfits,
-    missing_experiments,
     require_currents,
+    require_experiments,
     require_plausible,
     weakly_identified,
 )
@@ -45,9 +46,6 @@ class MotorOptions:
         pulses_per_turn: of the sensor at the output shaft behind a column of event times.
         method: ``separate`` (one experiment at a time, as the thesis), ``joint``, or ``auto``:
             joint where there is the log of a drive.
-
-    Raises:
-        UsageError: one of them cannot be.
     """
 
     known: Given = field(default_factory=dict)
@@ -99,7 +97,6 @@ class MotorBench:
         routes: every value from one experiment, with its standard error.
         joint: all experiments at once.
         constants: the motor, for predictions; J is 0 where it is not known.
-        notes: what a user should know.
         method: ``separate`` or ``joint``.
     """
 
@@ -143,19 +140,15 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
 
     Args:
         files: tables of experiments and of values, event times, logs of drives; see docs/bench.md.
-        options: what is known, and how to evaluate.
 
     Raises:
         DataError: an experiment is missing, or its numbers cannot be.
-        UsageError: an option cannot be.
     """
     given = options or MotorOptions()
     read = read_bench_files(files, given.units, given.pulses_per_turn, given.known)
     gear, notes = _gear(read.known, given)
     known = {k: v for k, v in read.known.items() if k != "gear"}
-    missing = missing_experiments(read.tests, read.drives, known)
-    if missing:
-        raise DataError(missing)
+    require_experiments(read.tests, read.drives, known)
     tests, said = _sided(read.tests, known, gear)
     from_tables = routes(tests, known, gear)
     require_plausible(values_of(from_tables))
@@ -226,16 +219,23 @@ class _Evaluation:
     tied: bool
     asked: str
 
+    @cached_property
+    def thesis(self) -> bool:
+        return is_the_thesis(self.files.tests)
+
+    @cached_property
+    def of_joint(self) -> dict[str, float]:
+        return dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+
     @property
     def method(self) -> str:
-        """``separate`` or ``joint``."""
         if self.asked != "auto":
             return self.asked
         return "joint" if self.files.drives else "separate"
 
     def bench(self) -> MotorBench:
         tests, notes = self.files.tests, list(self.files.notes)
-        if is_the_thesis(tests):
+        if self.thesis:
             worst = 100.0 * max(abs(e) for e in printed_against(tests))
             notes.append(
                 f"The constants that the thesis prints predict its speeds without load within "
@@ -260,12 +260,11 @@ class _Evaluation:
 
     def _chosen(self) -> tuple[dict[str, float], tuple[str, ...], Array]:
         """Values, names and covariance by the method, completed by the other one."""
-        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
         if self.method == "joint":
-            values, names, covariance = of_joint, self.joint.names, self.joint.covariance
+            values, names, covariance = {**self.of_joint}, self.joint.names, self.joint.covariance
         else:
             names, covariance = self.spread
-            values = of_joint | values_of(self.found)
+            values = self.of_joint | values_of(self.found)
         if self.tied:
             values["Kc"] = values["Kem"]
         kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
@@ -277,28 +276,25 @@ class _Evaluation:
     ) -> Estimate:
         source = "Kem" if name == "Kc" and self.tied else name
         value, error = values.get(name), None
-        of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
-        single = values_of(self.found)
         if source in names:
             k = list(names).index(source)
             error = float(np.sqrt(covariance[k, k]))
-            if self.method == "separate" and source in of_joint:
+            if self.method == "separate" and source in self.of_joint:
                 # what the way of evaluation changes is an error as well
-                error = float(np.hypot(error, single[source] - of_joint[source]))
-        elif value is not None and source in of_joint:
+                other = values_of(self.found)[source] - self.of_joint[source]
+                error = float(np.hypot(error, other))
+        elif value is not None and source in self.of_joint:
             k = self.joint.names.index(source)
             error = float(np.sqrt(self.joint.covariance[k, k]))
-        printed = PRINTED.get(name) if is_the_thesis(self.files.tests) else None
-        reason = self._reason(name, value)
-        return Estimate(
-            name,
-            CONSTANTS[name][0],
-            value,
-            error if error is None or np.isfinite(error) else None,
-            printed.value if printed else None,
-            printed.recomputable if printed else value is not None,
-            f"{reason}; {printed.reason}" if printed else reason,
-        )
+        recomputable, reason = value is not None, self._reason(name, value)
+        published = None
+        if self.thesis and name in PRINTED:
+            published, (recomputable, why) = getattr(PUBLISHED, name), PRINTED[name]
+            reason = f"{reason}; {why}"
+        if error is not None and not np.isfinite(error):
+            error = None
+        unit = CONSTANTS[name][0]
+        return Estimate(name, unit, value, error, published, recomputable, reason)
 
     def _reason(self, name: str, value: float | None) -> str:
         if name == "Kc" and self.tied:

@@ -11,12 +11,12 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
-from sysid.data.reading.counters import grain
 from sysid.data.record import Array
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.equations import MotorConstants, time_constant
-from sysid.testbench.motor.events import Events, from_counter
+from sysid.testbench.motor.events import Events
 from sysid.testbench.motor.experiments import smallest_step
 from sysid.testbench.motor.joint import Part
 
@@ -59,11 +59,6 @@ class DriveLog:
         assert self.events is not None
         start, end, speed, _ = self.events.intervals()
         return np.interp(self.t, 0.5 * (start + end), speed, 0.0)
-
-
-def counted(t: Array, angle: Array) -> Events:
-    """Events of a counter that was read at the rows of a log."""
-    return from_counter(t, angle, grain(angle))
 
 
 def motion(
@@ -256,7 +251,8 @@ def drive_part(log: DriveLog, start: MotorConstants, share: float, smeared: bool
         signals = [current[counts]] if log.current is not None else []
         if log.events is None:
             return (*signals, speed / c.gear)
-        return (*signals, unknowns[1] + _between_rows(log.events.t, log.t, angle, speed) / c.gear)
+        between_rows = CubicHermiteSpline(log.t, angle, speed)(log.events.t)
+        return (*signals, unknowns[1] + between_rows / c.gear)
 
     floor = tuple(
         0.0 if q == "angle" else float(smallest_step(m) / np.sqrt(12.0))
@@ -265,16 +261,6 @@ def drive_part(log: DriveLog, start: MotorConstants, share: float, smeared: bool
     shares = [share] * (1 if many else len(steps)) if smeared else []
     unknowns = np.array([*state, *shares])
     return Part(log.name, "drive", tuple(quantities), tuple(measured), floor, predict, unknowns)
-
-
-def _between_rows(at: Array, t: Array, angle: Array, speed: Array) -> Array:
-    """The angle at instants between rows: the cubic with the angles and speeds of both."""
-    k = np.clip(np.searchsorted(t, at) - 1, 0, len(t) - 2)
-    h = t[k + 1] - t[k]
-    s = (at - t[k]) / h
-    rise = angle[k + 1] - angle[k]
-    bend = h * speed[k] - rise, rise - h * speed[k + 1]
-    return np.asarray(angle[k] + s * rise + s * (1 - s) * ((1 - s) * bend[0] + s * bend[1]))
 
 
 def guessed(

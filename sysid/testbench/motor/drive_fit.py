@@ -33,13 +33,8 @@ def fit_all(
     command) or before it (a measurement): whichever predicts better is taken.
 
     Args:
-        known: values known otherwise.
-        values: constants from one experiment at a time.
         gear: turns of the motor for one of the output shaft.
         tied: whether Kc is Kem.
-
-    Raises:
-        DataError: there are fewer measurements than constants.
     """
     steady = [steady_part(t, gear) for t in tests] + [known_part(v) for v in known.values()]
     starts = _starts(drives, values, gear)

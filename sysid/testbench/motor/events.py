@@ -88,7 +88,6 @@ def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
     Args:
         t: instants [s], (N,).
         pulses_per_turn: of the sensor; 1 for one marker.
-        where: name of the file, for messages.
 
     Raises:
         DataError: there are fewer than three, or the instants do not rise.
@@ -139,11 +138,7 @@ def from_counter(t: Array, angle: Array, tick: float) -> Events:
 
 
 def require_steady(events: Events, where: str, voltage: float) -> None:
-    """Refuse events of a motor that still runs up.
-
-    Raises:
-        DataError: the speed has a trend.
-    """
+    """Refuse events of a motor that still runs up."""
     if len(events.t) <= MIN_EVENTS:
         return
     change, error = events.trend()

@@ -70,6 +70,11 @@ class SteadyTest:
             return np.zeros(len(self))
         return self.of("torque") if self.motor_side else self.of("torque") / gear
 
+    def answers(self) -> tuple[str, ...]:
+        """What was read in answer to the voltage; an external load is applied, not read."""
+        applied = "torque" if self.kind is Kind.EXTERNAL else ""
+        return tuple(q for q in MEASUREMENTS if q != applied and self.has(q))
+
     def changed(self, quantity: str, values: Array) -> "SteadyTest":
         return replace(self, measurements={**self.measurements, quantity: values})
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from sysid.data.finding import notes as as_notes
 from sysid.data.io import read_file
+from sysid.data.reading.counters import grain
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Table
 from sysid.data.record import Record
 from sysid.errors import DataError
-from sysid.testbench.motor.drive import DriveLog, counted
-from sysid.testbench.motor.events import from_times, groups_of, require_steady
+from sysid.testbench.motor.drive import DriveLog
+from sysid.testbench.motor.events import from_counter, from_times, groups_of, require_steady
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest, smallest_step
 from sysid.testbench.motor.tables import (
     Column,
@@ -33,12 +34,7 @@ LEAST_ROWS = 50
 
 @dataclass(frozen=True)
 class BenchFiles:
-    """What the files of a bench hold.
-
-    Attributes:
-        known: values known otherwise, by name.
-        notes: what a user should know about the measurement.
-    """
+    """What the files of a bench hold."""
 
     tests: tuple[SteadyTest, ...]
     drives: tuple[DriveLog, ...]
@@ -52,13 +48,8 @@ def read_bench_files(
     """Read the files of a motor bench, each as what its columns say that it is.
 
     Args:
-        units: column → unit, where a file lacks it.
         pulses_per_turn: of the sensor behind a column of event times.
         given: constants known without a file; they count before those of a file.
-
-    Raises:
-        DataError: a file cannot serve; which and why is in the sentence.
-        UsageError: a unit or a constant is unknown.
     """
     tests: list[SteadyTest] = []
     drives: list[DriveLog] = []
@@ -189,7 +180,7 @@ def _drive(record: Record, answer: Column, has_current: bool, load: Column | Non
         voltage,
         record.y[:, 1] if has_current else None,
         None if turns else y,
-        counted(record.t, y) if turns else None,
+        from_counter(record.t, y, grain(y)) if turns else None,
         torque,
         (record.input_names[0], record.output_names[0]),
         record.dt,

@@ -135,7 +135,7 @@ def correlations(covariance: Array) -> Array:
 
 def steady_part(test: SteadyTest, gear: float) -> Part:
     """A test in steady state as a part of the fit."""
-    quantities = tuple(q for q in ("current", "speed", "torque") if _is_answer(test, q))
+    quantities = test.answers()
     rows = [np.isfinite(test.of(q)) for q in quantities]
     torque = test.motor_torque(gear)
 
@@ -153,12 +153,6 @@ def steady_part(test: SteadyTest, gear: float) -> Part:
     measured = tuple(test.of(q)[ok] for q, ok in zip(quantities, rows, strict=True))
     floor = tuple(test.resolution.get(q, 0.0) / np.sqrt(12.0) for q in quantities)
     return Part(test.name, test.kind.value, quantities, measured, floor, predict)
-
-
-def _is_answer(test: SteadyTest, quantity: str) -> bool:
-    """Whether a quantity answers the voltage; the torque of an external load is what is applied."""
-    applied = quantity == "torque" and test.kind is Kind.EXTERNAL
-    return test.has(quantity) and not applied
 
 
 def known_part(value: KnownValue) -> Part:
@@ -201,12 +195,12 @@ def fit_jointly(
             f"{measurements} measurements do not determine {len(names)} constants "
             f"({', '.join(names)}); measure at more voltages"
         )
-    problem = min((_Bench(parts, names, s, tied) for s in starts), key=_Bench.first_cost)
+    problem = min((_Bench(parts, names, s, tied) for s in starts), key=lambda b: b.cost(b.first()))
     # with equal weights first: levels from residuals of a poor start hold the search there
     p = levenberg_marquardt(problem, problem.first(), problem.descent()).p
     groups = _groups(problem, p)
     for _ in range(ROUNDS):
-        problem = problem.weighted(np.array([g.noise for g in groups]))
+        problem.noise_levels = np.array([g.noise for g in groups])
         solution = levenberg_marquardt(problem, p, problem.descent())
         p = solution.p
         after = _groups(problem, p)
@@ -215,7 +209,8 @@ def fit_jointly(
         if change < SETTLED:
             break
     r, J = problem.residual(p), problem.jacobian(p)
-    worth = uncertainty(J, r, problem.stretches(), np.ones(len(r)))
+    stretches = list(zip(problem.channels, problem.lengths, strict=True))
+    worth = uncertainty(J, r, stretches, np.ones(len(r)))
     n = len(names)
     # noise levels are estimated per group, or known: no common factor is left to estimate
     if worth.coloured:
@@ -258,19 +253,10 @@ class _Bench(Problem):
         values = np.array([float(getattr(self.fixed, n)) for n in self.names])
         return np.concatenate([values, *starts])
 
-    def first_cost(self) -> float:
-        """Sum of squares where the search begins, infinite where that is no number."""
-        r = self.residual(self.first())
+    def cost(self, p: Array) -> float:
+        """Sum of squares, infinite where that is no number."""
+        r = self.residual(p)
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
-
-    def weighted(self, noise_levels: Array) -> "_Bench":
-        made = _Bench(self.parts, self.names, self.fixed, self.tied)
-        made.noise_levels = noise_levels
-        return made
-
-    def stretches(self) -> list[tuple[int, int]]:
-        """(channel, length) of each group."""
-        return list(zip(self.channels, self.lengths, strict=True))
 
     def descent(self) -> Descent:
         """Friction, inertia and inductance not below zero, the rest above."""
@@ -297,7 +283,6 @@ class _Bench(Problem):
         return differences
 
     def residual(self, p: Array) -> Array:
-        """All residuals over their noise levels."""
         return np.concatenate(
             [d / s for d, s in zip(self.differences(p), self.noise_levels, strict=True)]
         )

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from sysid.errors import DataError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.testbench.motor.drive import DriveLog
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, SteadyTest
 from sysid.testbench.motor.joint import JointFit
@@ -23,12 +24,16 @@ HARDLY = 0.5
 """Standard error over value from which a constant is weakly identifiable."""
 
 
-def missing_experiments(
+def require_experiments(
     tests: Sequence[SteadyTest], drives: Sequence[DriveLog], known: Mapping[str, object]
-) -> str:
-    """Which experiments are missing, as one sentence; empty where none is."""
+) -> None:
+    """Refuse experiments that do not determine every constant.
+
+    Raises:
+        DataError: which are missing, as one sentence.
+    """
     if any(d.current is not None for d in drives):
-        return ""
+        return
     lacks = []
     stalled = any(t.has("current") for t in tests if t.kind in (Kind.BLOCKED, Kind.STALL))
     turning = any(t.has("current", "speed") for t in tests)
@@ -43,12 +48,11 @@ def missing_experiments(
         lacks.append("Kem (no load: columns voltage_V, current_A, speed_rpm)")
     if not at_two and not {"f", "C0"} <= set(known):
         lacks.append("f and C0 (no load at two voltages or more, with current and speed)")
-    if not lacks:
-        return ""
-    return (
-        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the current "
-        "(time_s, voltage_V, current_A, speed_rpm) determines all of them"
-    )
+    if lacks:
+        raise DataError(
+            f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the "
+            "current (time_s, voltage_V, current_A, speed_rpm) determines all of them"
+        )
 
 
 LEAST_CURRENT = 1e-3
@@ -57,11 +61,7 @@ coreless ones; mA for A is a factor of 1000."""
 
 
 def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
-    """Refuse currents without load that are too small for any motor.
-
-    Raises:
-        DataError: they are next to nothing of those of the blocked rotor.
-    """
+    """Refuse currents without load that are next to nothing of those of the blocked rotor."""
     for t in tests:
         if t.kind is Kind.NO_LOAD and t.has("current"):
             share = float(np.nanmean(np.abs(t.of("current") * R / t.voltage)))
@@ -74,11 +74,7 @@ def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
 
 
 def require_plausible(values: Mapping[str, float]) -> None:
-    """Refuse constants that no motor has, and name the likely slip.
-
-    Raises:
-        DataError: a constant is not positive, or Kc is not of the size of Kem.
-    """
+    """Refuse constants that no motor has, and name the likely slip."""
     words = {"R": "resistance", "Kem": "back-EMF constant", "Kc": "torque constant"}
     for name, meaning in words.items():
         if name in values and not values[name] > 0.0:
@@ -123,8 +119,9 @@ def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[
             apart = (b.value - a.value) / max(np.hypot(ea, eb), 1e-300)
             if apart > APART:
                 said.append(
-                    f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
-                    f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
+                    f"{name} contradicts itself: {a.value:.4g} ± {NORMAL * ea:.2g} ({a.how}), but "
+                    f"{b.value:.4g} ± {NORMAL * eb:.2g} ({b.how}), {apart:.1f} standard errors "
+                    "apart."
                 )
     first = {r.name: (r.value, e) for r, e in reversed(list(zip(estimates, errors, strict=True)))}
     if "Kc" in first and "Kem" in first:
@@ -184,7 +181,7 @@ def weakly_identified(joint: JointFit) -> list[str]:
         "L": "sample faster than L/R",
     }
     return [
-        f"{n} is weakly identifiable, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
+        f"{n} is weakly identifiable, {v:.2g} ± {NORMAL * e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
         for n, v, e in zip(joint.names, joint.theta.tolist(), errors.tolist(), strict=True)
         if not e < HARDLY * abs(v) and n not in joint.undetermined
     ]

@@ -1,7 +1,6 @@
 """The constants that the thesis prints, and which of them follow from its data."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,56 +12,30 @@ FIRST_ROW = (3.0, 85.3476 * np.pi / 30.0)
 turns at this speed to six digits."""
 
 
-@dataclass(frozen=True)
-class Printed:
-    """A printed number.
-
-    Attributes:
-        value: in SI.
-        recomputable: whether the printed tables give it.
-        reason: why, or why not.
-    """
-
-    value: float
-    recomputable: bool
-    reason: str
-
-
-PRINTED: dict[str, Printed] = {
-    "R": Printed(
-        PUBLISHED.R,
-        False,
-        "printed as a value: neither voltage nor current of the blocked rotor is printed",
-    ),
-    "Kem": Printed(
-        PUBLISHED.Kem,
+PRINTED: Mapping[str, tuple[bool, str]] = {
+    "R": (False, "printed as a value: neither voltage nor current of the blocked rotor is printed"),
+    "Kem": (
         True,
         "mean of (V - R i)/ωm over the no-load measurements: 0.002311, printed with two digits",
     ),
-    "Kc": Printed(
-        PUBLISHED.Kc,
+    "Kc": (
         True,
         "mean of the stall torque over V/R - i0 is 8.648e-4, 0.2 % below what is printed as an "
         "interpolation; the stall torque over the whole stall current gives 7.34e-4",
     ),
-    "f": Printed(
-        PUBLISHED.f,
+    "f": (
         False,
         "comes from speeds under external loads, which are not printed; the no-load measurements "
         "alone give 4.3e-8",
     ),
-    "C0": Printed(
-        PUBLISHED.C0,
+    "C0": (
         False,
         "comes from speeds under external loads, which are not printed; the no-load measurements "
         "alone give 1.0e-4",
     ),
-    "J": Printed(
-        PUBLISHED.J,
-        False,
-        "printed as a value from geometry, without dimensions; no transient was measured",
-    ),
+    "J": (False, "printed as a value from geometry, without dimensions; no transient was measured"),
 }
+"""Of each printed constant whether the printed tables give it, and why, or why not."""
 
 
 def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:

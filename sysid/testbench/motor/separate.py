@@ -1,11 +1,12 @@
 """Constants of a motor from one experiment at a time (thesis §5.3), and their errors."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.fitting.differences import slopes
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
 
@@ -24,9 +25,6 @@ class Route:
     name: str
     value: float
     how: str
-
-
-Rule = Callable[[Sequence[SteadyTest], Values, float], list[Route]]
 
 
 def routes(
@@ -190,7 +188,6 @@ def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[
 
 
 def _line(x: Array, y: Array) -> Array:
-    """Slope and intercept."""
     return scaled_lstsq(np.column_stack([x, np.ones(len(x))]), y)
 
 
@@ -212,7 +209,6 @@ def propagated(
     correlated.
 
     Args:
-        known: values that are known, with their standard errors.
         gear: turns of the motor for one of the output shaft.
         sigma: noise level by (file, quantity), in SI.
         tied: whether Kc is Kem.
@@ -222,44 +218,31 @@ def propagated(
     """
     here = routes(tests, known, gear)
     names = tuple(n for n in CONSTANTS if n in values_of(here))
-    spread = np.zeros(len(here))
-    covariance = np.zeros((len(names), len(names)))
+    rows = [
+        (k, q, row)
+        for k, test in enumerate(tests)
+        for q in test.answers()
+        for row in np.flatnonzero(np.nan_to_num(test.of(q))).tolist()
+        if sigma.get((test.name, q))
+    ]
 
-    def add(step: float, error: float, high: Slope, low: Slope) -> None:
-        nonlocal spread, covariance
-        slope = (high[0] - low[0]) / (2.0 * step) * error
-        change = (high[1] - low[1]) / (2.0 * step) * error
-        spread = spread + slope**2
-        covariance = covariance + np.outer(change, change)
+    def values(p: Array) -> Array:
+        """Of the routes, and the first of each constant, for other numbers."""
+        measured = list(tests)
+        for (k, q, row), x in zip(rows, p[len(known) :], strict=True):
+            readings = measured[k].of(q).copy()
+            readings[row] = x
+            measured[k] = measured[k].changed(q, readings)
+        others = {n: replace(v, value=x) for (n, v), x in zip(known.items(), p, strict=False)}
+        found = routes(measured, others, gear)
+        first = values_of(found)
+        return np.array([*(r.value for r in found), *(first[n] for n in names)])
 
-    def at(some: Sequence[SteadyTest], values: Mapping[str, KnownValue]) -> Slope:
-        perturbed = routes(some, values, gear)
-        first = values_of(perturbed)
-        return np.array([r.value for r in perturbed]), np.array([first[n] for n in names])
-
-    for name, value in known.items():
-        h = _STEP * value.value
-        ends = [
-            at(tests, {**known, name: replace(value, value=value.value + s * h)}) for s in (1, -1)
-        ]
-        add(h, value.std_error, ends[0], ends[1])
-    for k, test in enumerate(tests):
-        for quantity in ("current", "speed", "torque"):
-            error = sigma.get((test.name, quantity), 0.0)
-            applied = quantity == "torque" and test.kind is Kind.EXTERNAL
-            if applied or not error or not test.has(quantity):
-                continue
-            measurements = test.of(quantity)
-            for row in np.flatnonzero(np.isfinite(measurements) & (measurements != 0.0)):
-                h = _STEP * abs(float(measurements[row]))
-                ends = []
-                for s in (1.0, -1.0):
-                    moved = measurements.copy()
-                    moved[row] += s * h
-                    others = [*tests[:k], test.changed(quantity, moved), *tests[k + 1 :]]
-                    ends.append(at(others, known))
-                add(h, error, ends[0], ends[1])
-    return tuple(np.sqrt(spread).tolist()), covariance, names
-
-
-Slope = tuple[Array, Array]
+    p = np.array([*(v.value for v in known.values()), *(tests[k].of(q)[r] for k, q, r in rows)])
+    errors = [
+        *(v.std_error for v in known.values()),
+        *(sigma[tests[k].name, q] for k, q, _ in rows),
+    ]
+    changes = slopes(values, p, _STEP * np.abs(p)) * np.array(errors)
+    of_routes, of_constants = changes[: len(here)], changes[len(here) :]
+    return tuple(np.linalg.norm(of_routes, axis=1).tolist()), of_constants @ of_constants.T, names

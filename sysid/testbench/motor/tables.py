@@ -9,7 +9,6 @@ import numpy as np
 from sysid.data.column_words import REFERENCES, SUPPLIES, words
 from sysid.data.files import contents
 from sysid.data.reading.table import Table, read_table
-from sysid.data.record import Array
 from sysid.data.unit_words import ending, synonym
 from sysid.data.units import UNITS, Conversion, conversion, from_name
 from sysid.errors import DataError, UsageError, argument
@@ -41,8 +40,6 @@ _EVENT = ("event", "events", "ereignis")
 _SENSOR = ("pulse", "pulses", "impuls", "hall", "marker", "edge", "flanke", "tick")
 """… and words that mean it where a word of time stands beside them: ``pulse_time_us``."""
 
-_WANTED = {"voltage": "voltage_V", "current": "current_A", "torque": "torque_Nm"}
-
 _OTHER = SUPPLIES | REFERENCES | {"pwm", "on", "enabled"}
 """Words of columns that a log may hold beside those of the motor: its supply, what it was to do."""
 
@@ -70,11 +67,7 @@ class Column:
 
 
 def read_bench_table(path: Path) -> Table:
-    """The table of a bench file.
-
-    Raises:
-        DataError: there is no such file, or it is no table of named columns.
-    """
+    """The table of a bench file."""
     try:
         return read_table(contents(path), path.name)
     except OSError as error:
@@ -86,10 +79,6 @@ def columns_of(table: Table, units: Mapping[str, str]) -> tuple[Column, ...]:
 
     Args:
         units: column → unit, where the file lacks it.
-
-    Raises:
-        DataError: a column has no unit.
-        UsageError: a unit is unknown.
     """
     columns = []
     for name, bracket in zip(table.names, table.units, strict=True):
@@ -113,10 +102,12 @@ def _column(name: str, unit: str, where: str) -> Column | None:
     if _OTHER & set(parts):
         return None
     word = next((_ROLE_OF_WORD[w] for w in parts if w in _ROLE_OF_WORD), "")
-    if _is_event(parts, word == "time"):
-        return Column(name, "event", _seconds(unit or unit_given or _tail(name)))
-    if word == "time":
-        return Column(name, "time", _seconds(unit or unit_given or _tail(name)))
+    timed = word == "time"
+    if timed or _is_event(parts, timed):
+        tail = name.rpartition("_")[2]
+        unit = unit or unit_given or (tail if tail in ("s", "ms", "us", "ns") else "s")
+        scale = 1e-6 if unit in ("us", "µs") else conversion(unit).scale
+        return Column(name, "event" if _is_event(parts, timed) else "time", scale)
     # a column may be called by its unit: amps, volts
     named = next((synonym(w) for w in parts if synonym(w) in ("V", "A", "mA")), "")
     known = _conversion(name, unit or unit_given or named)
@@ -147,16 +138,6 @@ def _is_event(parts: Sequence[str], timed: bool) -> bool:
     return False
 
 
-def _tail(name: str) -> str:
-    tail = name.rpartition("_")[2]
-    return tail if tail in ("s", "ms", "us", "ns") else ""
-
-
-def _seconds(unit: str) -> float:
-    factor = {"us": 1e-6, "µs": 1e-6}.get(unit)
-    return factor if factor is not None else conversion(unit or "s").scale
-
-
 def _conversion(name: str, unit: str) -> Conversion:
     if unit:
         return conversion(unit, name)
@@ -164,11 +145,7 @@ def _conversion(name: str, unit: str) -> Conversion:
 
 
 def known_values(table: Table, columns: Sequence[Column]) -> tuple[KnownValue, ...]:
-    """The constants of a file that holds nothing but values, one row.
-
-    Raises:
-        DataError: there are several rows, or a cell is no positive number.
-    """
+    """The constants of a file that holds nothing but values, one row."""
     if len(table) != 1:
         raise DataError(
             f"{table.where} holds values and needs one row of numbers; it has {len(table)}"
@@ -186,10 +163,6 @@ def known_value(name: str, value: float, source: str, std_error: float | None = 
         name: as in ``CONSTANTS``, or ``gear``.
         value: in SI.
         std_error: None for that of rounding to the last digit; a gear counts teeth and has none.
-
-    Raises:
-        UsageError: there is no such constant.
-        DataError: it is not positive.
     """
     if name not in CONSTANTS and name != "gear":
         raise UsageError(
@@ -207,9 +180,6 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
 
     voltage and current: blocked rotor; with a speed: no load; with a torque and no speed: stall;
     with both: external load.
-
-    Raises:
-        DataError: a column is missing, or the numbers cannot be those of that experiment.
     """
     by_role = {c.role: c for c in columns}
     if "voltage" not in by_role:
@@ -234,7 +204,11 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     }
     voltage = measurements.pop("voltage")
     side = "torque" in by_role and by_role["torque"].motor_side
-    kind = _kind(measurements)
+    turns = bool(np.any(measurements.get("speed", np.zeros(1)) != 0.0))
+    if "torque" in measurements:
+        kind = Kind.EXTERNAL if turns else Kind.STALL
+    else:
+        kind = Kind.NO_LOAD if turns else Kind.BLOCKED
     if kind is Kind.STALL:
         measurements.pop("speed", None)
     made = SteadyTest(table.where, kind, voltage, measurements, steps, side)
@@ -244,15 +218,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     return made, said
 
 
-def _kind(measurements: Mapping[str, Array]) -> Kind:
-    turns = "speed" in measurements and bool(np.any(measurements["speed"] != 0.0))
-    if "torque" in measurements:
-        return Kind.EXTERNAL if turns else Kind.STALL
-    return Kind.NO_LOAD if turns else Kind.BLOCKED
-
-
 def _check(test: SteadyTest) -> None:
-    """Refuse what no such experiment can give."""
     for quantity in ("current", "speed", "torque"):
         product = test.of(quantity) * np.sign(test.voltage)
         wrong = np.flatnonzero(product < 0.0)

@@ -86,7 +86,8 @@ def free_swing(t: Array, angle: Array, where: str) -> FreeSwing:
     """
     guess = _strongest_period(t, angle, where)
     even, smooth = _smoothed(t, angle, guess)
-    holes = _holes(t, guess)
+    wide = np.flatnonzero(np.diff(t) > guess / 8.0)  # a passage may hide in them
+    holes = np.column_stack([t[wide] - guess / 8.0, t[wide + 1] + guess / 8.0])
     middle = 0.5 * float(np.sum(np.percentile(smooth, (1.0, 99.0))))
     first = _regular(even, smooth - middle, holes, where)
     middle += 0.5 * float(np.mean(first.swings[:-1] + first.swings[1:]))
@@ -123,7 +124,9 @@ def _strongest_period(t: Array, angle: Array, where: str) -> float:
         raise DataError(f"{where} holds no oscillation: it is {span:.3g} s long")
     n = round(span / step) + 1
     even = np.linspace(t[0], t[-1], n)
-    signal = np.interp(even, t, _clipped(angle))
+    low, high = np.percentile(angle, (2.0, 98.0))
+    clipped = np.clip(angle, low - (high - low) / 2.0, high + (high - low) / 2.0)
+    signal = np.interp(even, t, clipped)  # outliers would hide the oscillation
     signal = signal - np.polyval(np.polyfit(even, signal, 1), even)
     if not float(np.ptp(signal)) > 1e-9 * float(np.max(np.abs(angle))):
         drifts = float(np.ptp(angle)) > 1e-9 * float(np.max(np.abs(angle)))
@@ -147,12 +150,6 @@ def _strongest_period(t: Array, angle: Array, where: str) -> float:
     return 1.0 / best
 
 
-def _clipped(angle: Array) -> Array:
-    """The angle clipped to twice the range of its bulk: outliers would hide the oscillation."""
-    low, high = np.percentile(angle, (2.0, 98.0))
-    return np.clip(angle, low - (high - low) / 2.0, high + (high - low) / 2.0)
-
-
 def _smoothed(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
     """An even grid, and the angle on it without outliers, averaged over an eighth period."""
     from scipy.ndimage import median_filter, uniform_filter1d
@@ -164,13 +161,6 @@ def _smoothed(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
         return even, np.interp(even, t, angle)
     calm = median_filter(angle, min(width, WINDOW), mode="nearest")
     return even, uniform_filter1d(np.interp(even, t, calm), width, mode="nearest")
-
-
-def _holes(t: Array, period: float) -> Array:
-    """Stretches without measurements that a passage may hide in, (n, 2) [s]."""
-    wide = np.flatnonzero(np.diff(t) > period / 8.0)
-    margin = period / 8.0
-    return np.column_stack([t[wide] - margin, t[wide + 1] + margin])
 
 
 def _regular(t: Array, x: Array, holes: Array, where: str) -> _Rough:
@@ -240,20 +230,18 @@ def _zero(t: Array, x: Array) -> float:
 
 
 def _passage(t: Array, x: Array, at: float, half: float) -> float:
-    """A passage through zero from a line through the measurements near it [s]."""
+    """Zero of the line through measurements near a passage, wild ones left out [s]."""
     near = slice(*np.searchsorted(t, (at - half / 6.0, at + half / 6.0)))
-    offset = _line_zero(t[near] - at, x[near]) if near.stop - near.start >= 3 else 0.0
-    return at + (offset if abs(offset) < half / 6.0 else 0.0)
-
-
-def _line_zero(t: Array, x: Array) -> float:
-    """Zero of the line through points, wild ones left out [s]; 0 where it is flat."""
-    slope, offset = np.polyfit(t, x, 1)
-    off = np.abs(x - slope * t - offset)
+    s, x = t[near] - at, x[near]
+    if len(s) < 3:
+        return at
+    slope, offset = np.polyfit(s, x, 1)
+    off = np.abs(x - slope * s - offset)
     good = off <= 5.0 * np.median(off) + 1e-12 * float(np.max(np.abs(x)))
-    if 3 <= good.sum() < len(t):
-        slope, offset = np.polyfit(t[good], x[good], 1)
-    return float(-offset / slope) if slope else 0.0
+    if 3 <= good.sum() < len(s):
+        slope, offset = np.polyfit(s[good], x[good], 1)
+    zero = float(-offset / slope) if slope else 0.0
+    return at + (zero if abs(zero) < half / 6.0 else 0.0)
 
 
 def _turn(t: Array, x: Array, at: float, half: float) -> float:
@@ -274,9 +262,7 @@ def _counted(instants: Array, numbers: NDArray[np.int_]) -> Counted:
     beta = np.linalg.lstsq(X, instants, rcond=None)[0]
     residual = instants - X @ beta
     usual = 1.4826 * float(np.median(np.abs(residual)))
-    good = (
-        np.abs(residual) <= 6.0 * usual + 1e-12
-    )  # a turn or passage that a wild measurement moved
+    good = np.abs(residual) <= 6.0 * usual + 1e-12  # a wild measurement moves a turn or passage
     if 5 <= good.sum() < len(k):
         X, instants = X[good], instants[good]
         beta = np.linalg.lstsq(X, instants, rcond=None)[0]

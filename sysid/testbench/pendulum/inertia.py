@@ -35,9 +35,6 @@ class Hanging:
         I1: inertia of the bar about its centre of gravity [kg m²].
         g: acceleration of gravity [m/s²].
         errors: standard error of each of them, by letter; what is left out has its default.
-
-    Raises:
-        UsageError: a number cannot be.
     """
 
     m: float = 1.592
@@ -140,9 +137,6 @@ def box_inertia(mass: float, length: float, width: float) -> float:
     Args:
         mass: m [kg].
         length, width: a, b [m].
-
-    Raises:
-        UsageError: a length is not above 0.
     """
     if not (math.isfinite(length) and math.isfinite(width) and length > 0 and width > 0):
         raise UsageError(f"{argument(size=(length, width))} is not a box; give two lengths above 0")

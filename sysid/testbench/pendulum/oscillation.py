@@ -116,10 +116,6 @@ def fit_oscillation(
     Args:
         t: instants [s], (N,).
         angle: (N,) [rad], or in radians or degrees where ``in_radians`` is false.
-        swing: the free part, as counted.
-
-    Raises:
-        DataError: no oscillation explains half of what moves.
     """
     inside = (t >= swing.passages[0]) & (t <= swing.passages[-1])
     t, angle = _thinned(t[inside], angle[inside], swing.period)
@@ -208,7 +204,6 @@ def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: flo
 
 
 def _errors(p: Array, s: Array, y: Array, span: float, pendulum: bool) -> Array:
-    """Fitted less measured [rad]."""
     return _angle(p, s, span, pendulum) - y
 
 

@@ -83,8 +83,6 @@ class PendulumStudy:
         small_period, small_std_error: period of small swings [s].
         amplitude: root mean square over the logs, or as given [rad].
         size: length and width of the box that the inertia is compared with [m]; None for none.
-        logs: what was read off each log.
-        findings: what there is to say.
     """
 
     hanging: Hanging
@@ -149,7 +147,6 @@ class PendulumStudy:
         )
 
     def _driver(self) -> str:
-        """Which measured quantity drives the error."""
         parts = self.contributions
         (first, most), (second, next_most) = list(parts.items())[:2]
         error = self.period_std_error if first == "period" else self.hanging.std_error(first)
@@ -161,7 +158,6 @@ class PendulumStudy:
         )
 
     def _against_box(self) -> str:
-        """The inertia beside that of a box of the same mass and size."""
         if self.box is None or self.size is None:
             return "Give the body's length and width with `size` to compare J with that of a box."
         ratio, would = self.corrected / self.box, self.hanging.period(self.box)
@@ -230,7 +226,6 @@ def inertia_of_period(
         size: length and width of the body [m]; the thesis's where the mass is, too.
 
     Raises:
-        UsageError: a number cannot be.
         DataError: no inertia has that period.
     """
     hanging = hanging or Hanging()
@@ -268,7 +263,6 @@ def inertia_of_logs(
 
     Raises:
         DataError: a log does not oscillate, or no inertia has its period.
-        UsageError: a column, unit or number is wrong.
     """
     if not paths:
         raise UsageError("no log of a swing is named: give at least one CSV or Parquet file")

@@ -53,7 +53,6 @@ class Swing:
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.
-        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -76,13 +75,9 @@ def read_swing(
             ``decimal`` count here.
         arm: distance of the tracked point from the hinge [m], of use for a position only.
         trim: seconds left out at the head and at the tail.
-
-    Raises:
-        DataError: the log holds no angle, no time, or too few rows.
-        UsageError: a column or unit named is not there.
     """
     path = Path(path)
-    table = read_log_table(path, replace(options, strict=True)).table
+    table = read_log_table(path, replace(options, strict=True))[0]
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
         raise UsageError(f"`units` names {known[0]!r}, which is not a column: {_listed(table)}")
@@ -113,7 +108,6 @@ def read_swing(
 
 
 def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
-    """The columns of the angle, and their kind."""
     if options.outputs:
         if len(options.outputs) > 1:
             raise UsageError("`outputs` names several columns; name one angle")
@@ -145,7 +139,6 @@ def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
 
 
 def _is_angle(table: Table, name: str) -> bool:
-    """Whether a column's words and unit are those of an angle."""
     base, unit = ending(name)
     unit = unit or table.units[table.names.index(name)]
     said = set(words(base))
@@ -284,7 +277,6 @@ def _along_main(vectors: Array) -> Array:
 
 
 def _unit(table: Table, name: str, units: Mapping[str, str]) -> str:
-    """The unit of a column: by option, in brackets, or what its name ends in."""
     given = next((u for n, u in units.items() if n.lower() == name.lower()), "")
     return given or table.units[table.names.index(name)] or ending(name)[1]
 

@@ -109,7 +109,6 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
     """Fit a battery to a log of rests and loads, or to a table of steady measurements.
 
     Args:
-        name: of the file, for messages.
         t: instants [s], (N,); None for a table.
         voltage, current: [V, A], (N,); the sign of the current is found.
 
@@ -237,21 +236,15 @@ def _result(
     fitted = X @ theta
     slopes = [X]
     k = 2 + shape.slope
-    for b, tau in enumerate(shape.taus):  # ∂V/∂ log τ
+    for b in range(len(shape.taus)):  # ∂V/∂ log τ
         moved = tuple(x * 1.001 if n == b else x for n, x in enumerate(shape.taus))
         other = _columns(i, dt, _Shape(shape.slope, moved)) @ theta
         slopes.append(((other - fitted) / math.log(1.001))[:, None])
-        assert tau > 0.0
     J = -np.hstack(slopes)
     cov = uncertainty(J, v - fitted, [(0, len(v))], np.ones(len(v))).covariance
     error = np.sqrt(np.diag(cov))
     branches = tuple(
-        Branch(
-            float(theta[k + b]),
-            float(error[k + b]),
-            tau,
-            float(tau * error[X.shape[1] + b]),
-        )
+        Branch(float(theta[k + b]), float(error[k + b]), tau, float(tau * error[X.shape[1] + b]))
         for b, tau in enumerate(shape.taus)
     )
     resistances = [1, *range(k, k + len(shape.taus))]
@@ -279,19 +272,18 @@ def _result(
     )
 
 
-def _refined(v: Array, i: Array, dt: float | None, shape: _Shape) -> _Shape:
+def _refined(v: Array, i: Array, dt: float, shape: _Shape) -> _Shape:
     """Time constants between those tried, everything else solved for each (Golub and Pereyra)."""
-    if dt is None or not shape.taus:
+    if not shape.taus:
         return shape
-    step: float = dt
 
     def left(logs: Array) -> Array:
         tried = _Shape(shape.slope, tuple(np.exp(logs).tolist()))
-        return np.asarray(v - _columns(i, step, tried) @ _solved(v, i, step, tried))
+        return np.asarray(v - _columns(i, dt, tried) @ _solved(v, i, dt, tried))
 
     start = np.log(shape.taus)
-    most = max(step * len(v) / SLOWEST, 4.0 * step)
-    bounds = (np.full(len(start), math.log(step)), np.full(len(start), math.log(most)))
+    most = max(dt * len(v) / SLOWEST, 4.0 * dt)
+    bounds = (np.full(len(start), math.log(dt)), np.full(len(start), math.log(most)))
     start = np.clip(start, bounds[0] + 1e-9, bounds[1] - 1e-9)
     solution = least_squares(left, start, bounds=bounds, x_scale=0.1)
     return _Shape(shape.slope, tuple(sorted(np.exp(solution.x).tolist())))

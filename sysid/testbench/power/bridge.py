@@ -142,7 +142,6 @@ def fit_bridge(
     """Read dead band, jump and gain of both directions off a staircase.
 
     Args:
-        name, side: for messages and results.
         drive: command as a share of full drive, (N,).
         quantity: what answers: ``voltage``, ``speed`` or ``current``.
         answer: (N,).

@@ -47,7 +47,6 @@ class PowerLog:
         drives: side → share of full drive, (N,); ``""`` where there is one motor.
         answers: side → (quantity, values (N,)): ``voltage`` [V], ``speed`` [rad/s] or ``current``
             [A] of the motor.
-        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -85,13 +84,9 @@ def read_power_log(
         units: column → its unit in the file.
         pwm_max: command of full drive; None for duty (± 1), per cent by name, or ± 20000 µs.
         bags: what is which column of a bag, its stamps and its latencies.
-
-    Raises:
-        DataError: it holds neither battery nor bridge, or its commands have an untold scale.
-        UsageError: a column or unit named is not there.
     """
     path, units = Path(path), units or {}
-    table = read_log_table(path, bags).table
+    table = read_log_table(path, bags)[0]
     unknown = [n for n in units if n.lower() not in [c.lower() for c in table.names]]
     if unknown:
         listed = ", ".join(table.names[:20])
@@ -189,7 +184,6 @@ _QUANTITY_ORDER = ("voltage", "speed", "current")
 def _drive(
     table: Table, command: _Column, units: Mapping[str, str], pwm_max: float | None
 ) -> Array:
-    """A command as a share of full drive."""
     raw = table.columns((command.name,))[:, 0]
     largest = float(np.nanmax(np.abs(raw))) if np.any(np.isfinite(raw)) else 0.0
     unit = _unit(table, command.name, units)

@@ -15,6 +15,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.yaml_files.source import read_yaml
 from sysid.effects.measured import Measured
 from sysid.errors import UsageError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tuning.written import replaced
 from sysid.testbench.power.battery import HOUR, Battery, fit_battery
@@ -36,7 +37,6 @@ class PowerBench:
         batteries: one for each log of rests and loads.
         bridges: one for each staircase and side.
         full_current: current of both motors at full drive [A]: given, or the largest of the logs.
-        findings: what there is to say.
     """
 
     batteries: tuple[Battery, ...]
@@ -79,23 +79,24 @@ class PowerBench:
         return measured
 
     def sentences(self) -> tuple[str, ...]:
-        """What the numbers mean, in words."""
+        """What the numbers mean, in words; ± is half of a 95 % interval."""
         return (*map(self._battery_words, self.batteries), *_bridges_words(self.bridges))
 
     def _battery_words(self, b: Battery) -> str:
         text = (
-            f"{b.name}: {b.open_voltage:.4g} ± {b.open_std_error:.2g} V without load, "
-            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ immediately"
+            f"{b.name}: {b.open_voltage:.4g} ± {NORMAL * b.open_std_error:.2g} V without load, "
+            f"{1e3 * b.resistance:.4g} ± {1e3 * NORMAL * b.std_error:.2g} mΩ immediately"
         )
         for branch in b.branches:
+            reach = 1e3 * NORMAL * branch.std_error
             text += (
-                f", {1e3 * branch.resistance:.3g} ± {1e3 * branch.std_error:.2g} mΩ more after "
-                f"{branch.tau:.3g} ± {branch.tau_std_error:.2g} s"
+                f", {1e3 * branch.resistance:.3g} ± {reach:.2g} mΩ more after "
+                f"{branch.tau:.3g} ± {NORMAL * branch.tau_std_error:.2g} s"
             )
         if b.branches:
             text += f"; {1e3 * b.settled:.4g} mΩ under a lasting load"
-        if b.slope is not None:
-            text += f"; {b.slope:.3g} ± {b.slope_std_error:.2g} V less for each Ah"
+        if b.slope is not None and b.slope_std_error is not None:
+            text += f"; {b.slope:.3g} ± {NORMAL * b.slope_std_error:.2g} V less for each Ah"
         return text + "."
 
     def summary(self) -> dict[str, Any]:
@@ -134,7 +135,6 @@ def bench_power(
 
     Raises:
         DataError: a file describes neither, or has too few rows.
-        UsageError: an argument cannot be.
     """
     if not paths:
         raise UsageError("no file is named: give logs of rests and loads, or of a staircase of PWM")
@@ -288,15 +288,16 @@ def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
     sentences = []
     for b in bridges:
         for name, d in b.directions().items():
+            reach = 100 * NORMAL * d.dead_band_std_error
             text = (
                 f"{b.name}{' ' + b.side if b.side else ''}, {name}: nothing up to "
-                f"{100 * d.dead_band:.3g} ± {100 * d.dead_band_std_error:.2g} % of full drive"
+                f"{100 * d.dead_band:.3g} ± {reach:.2g} % of full drive"
             )
             if d.jump:
                 text += f", then a jump worth {100 * d.jump:.3g} %"
-            text += f", {d.at_full:.4g} ± {d.at_full_std_error:.2g} {b.unit} at full drive"
+            text += f", {d.at_full:.4g} ± {NORMAL * d.at_full_std_error:.2g} {b.unit} at full drive"
             drop = b.drop(d)
             if drop is not None:
-                text += f", {drop[0]:.3g} ± {drop[1]:.2g} V less than the supply"
+                text += f", {drop[0]:.3g} ± {NORMAL * drop[1]:.2g} V less than the supply"
             sentences.append(text + ".")
     return tuple(sentences)

@@ -35,9 +35,6 @@ def soil_preset(name: str) -> Soil:
 
     Args:
         name: such as ``dry-sand``; upper case, spaces and underscores do no harm.
-
-    Raises:
-        ModelError: there is none of that name.
     """
     wanted = "-".join(name.strip().lower().replace("_", " ").replace("-", " ").split())
     for preset in PRESETS:
@@ -89,11 +86,7 @@ def soil_of(value: "str | Mapping[str, object] | Soil") -> Soil:
 
 
 def soil_over(base: Soil, given: Mapping[str, object]) -> Soil:
-    """A soil with numbers of its own, as :func:`soil_of` reads them without a preset.
-
-    Raises:
-        ModelError: a key or a number is not one of a soil.
-    """
+    """A soil with numbers of its own, as :func:`soil_of` reads them without a preset."""
     given = dict(given)
     spread = given.pop("std", None)
     _check_keys(given)

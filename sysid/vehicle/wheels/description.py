@@ -98,11 +98,7 @@ class VehicleFile(Settings):
         return self
 
     def vehicle(self, name: str) -> Vehicle:
-        """The vehicle, with a name if the file gives it none.
-
-        Raises:
-            ModelError: wheels or masses contradict each other.
-        """
+        """The vehicle, with a name if the file gives it none."""
         known: dict[str, Any] = {
             "name": self.name or name,
             "body": self.body,

@@ -177,9 +177,6 @@ def inverse(
     Args:
         twist: Vx, Vy [m/s], ψ̇ [rad/s] in the body frame.
         angles: steering angles that are held [rad].
-
-    Raises:
-        UsageError: the twist is not three finite numbers.
     """
     wanted = np.array(twist, dtype=np.float64)
     if wanted.shape != (3,) or not np.isfinite(wanted).all():

@@ -18,9 +18,7 @@ class XmlElement:
     """One element of a file.
 
     Attributes:
-        attributes: name → value.
         line: where it begins, counted from 1.
-        children: elements inside, in their order.
         text: letters inside, without those of the children.
     """
 

@@ -11,6 +11,7 @@ import pytest
 
 from sysid.data.io import LogFile, read_file, read_files
 from sysid.data.reading.read_options import ReadOptions
+from sysid.data.same_kind import with_validation
 from sysid.errors import DataError, SysidError
 
 N, DT = 600, 0.02
@@ -317,6 +318,10 @@ def test_logs_of_different_sample_times_are_read_at_the_coarser(
         at = np.interp(coarse * np.arange(n), DT * np.arange(N + 1), integral)
         np.testing.assert_allclose(fine.u[:-1, 0], np.diff(at) / coarse, atol=1e-9)
         assert "the sample time of all together" in " ".join(logs["a.csv"].notes)
+        apart = [read_file(p).records for p in order]
+        pair = with_validation(*apart)
+        assert [r.dt for records in pair[:2] for r in records] == [fine.dt, fine.dt]
+        assert [f.record for f in pair[2]] == ["a.csv"]
 
 
 def test_matlab_73(tmp_path: Path) -> None:

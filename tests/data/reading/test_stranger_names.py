@@ -119,6 +119,7 @@ def test_names(names: str, chosen: str) -> None:
         ("NaOH_dosing/% pH", "NaOH_dosing > pH"),
         ("lift/mm temperature/°C", "lift > temperature"),
         ("Bohrung/mm u", "u > Bohrung"),
+        ("supply/V shaft/rpm", "supply > shaft"),
     ],
 )
 def test_units_behind_names(names: str, chosen: str) -> None:
@@ -143,6 +144,7 @@ def test_units_behind_names(names: str, chosen: str) -> None:
         ("t alpha beta", "inputs='alpha', outputs='beta'"),
         ("t duty throttle rpm drehzahl", "outputs='rpm'"),
         ("t motor 1", ""),
+        ("t battery speed", "the input can be battery or speed (or none"),
     ],
 )
 def test_ambiguous_names_are_refused_with_an_example_that_works(
@@ -162,6 +164,16 @@ def test_ambiguous_names_are_refused_with_an_example_that_works(
             read_file(path, ReadOptions(**arguments(text.split("for example ")[1])))
     else:
         assert not example
+
+
+@pytest.mark.parametrize("names", [("alpha", "beta"), ("belt_kmh", "heart_rate")])
+def test_what_is_held_is_the_input_of_the_example(names: tuple[str, str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    held, moving = np.repeat(rng.normal(size=6), 10), rng.normal(size=60)
+    for head, cells in ((names, (held, moving)), (names[::-1], (moving, held))):
+        rows = lines([point(0.02 * np.arange(60)), *map(point, cells)])
+        with pytest.raises(SysidError, match=f"inputs='{names[0]}', outputs='{names[1]}'"):
+            read_file(put(tmp_path, f"t,{','.join(head)}\n{rows}"))
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,14 @@ def test_rollovers_are_undone(
     assert len(said) == (wraps > 0)
 
 
+def test_a_damaged_stamp_is_no_rollover() -> None:
+    read = 43_000.0 + 20.0 * np.arange(100)
+    read[50] = 5.0  # a line that lost its first half
+    found, said = unrolled(read, "ms", "log", str)
+    assert not said
+    np.testing.assert_array_equal(found, read)
+
+
 def test_a_restart_is_no_rollover(tmp_path: Path) -> None:
     k, u, y = motor(100)
     body = lines([whole(20 * k), whole(u), point(y)])
@@ -194,7 +202,7 @@ def test_two_machines_in_one_table_are_said(tmp_path: Path) -> None:
     k, u, y = motor(120)
     pump = np.array(["P1", "P2"])[k % 2].tolist()
     path = put(tmp_path, "t,pump,u,y\n" + lines([whole(k // 2), pump, whole(u), point(y)]))
-    with pytest.raises(DataError, match=r"column pump tells 2 series apart \(P1, P2\)"):
+    with pytest.raises(DataError, match=r"column pump separates 2 series \(P1, P2\)"):
         read_file(path)
 
 

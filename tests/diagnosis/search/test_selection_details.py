@@ -17,7 +17,7 @@ from sysid.diagnosis.search.prepared import prepare
 from sysid.diagnosis.search.refinement import refined
 from sysid.diagnosis.search.starts import clip_level, free_indices, starts_of
 from sysid.effects.catalogue import about, chain_effects, effect
-from sysid.structures.augmented.chain import drive_before
+from sysid.structures.augmented.chain import share_before
 from sysid.structures.augmented.given_base import begins_at_rest
 from sysid.structures.augmented.structure import Augmented
 
@@ -91,7 +91,17 @@ def test_a_clip_is_seen_through_noise_that_enters_behind_it(sigma: float) -> Non
 
 def test_a_command_begins_with_a_log_that_begins_at_standstill() -> None:
     y = np.array([[0.1, 9.0], [5.0, 9.5], [10.0, 10.0]])
-    np.testing.assert_array_equal(drive_before(np.array([0.5, 0.5]), y), [0.0, 0.5])
+    np.testing.assert_array_equal(share_before(np.full((3, 2), 0.5), y), [0.0, 1.0])
+
+
+def test_a_log_that_begins_with_a_step_begins_under_a_smaller_command() -> None:
+    """Steady at 2, then the first command of the log: what held it at 2 acted before."""
+    y = np.append(10.0 - 8.0 * np.exp(-np.arange(60) / 8.0), np.zeros(20))[:, None]
+    u = np.append(np.full(60, 0.5), np.zeros(20))[:, None]
+    np.testing.assert_allclose(share_before(u, y), [0.2], atol=0.002)
+    np.testing.assert_array_equal(share_before(u, np.full((80, 1), 10.0)), [1.0])
+    short = np.arange(80.0)[:, None]  # a command a row: nothing is known of what acted before
+    np.testing.assert_array_equal(share_before(short, y), [1.0])
 
 
 def test_a_lag_is_found_in_a_log_that_begins_with_its_command() -> None:

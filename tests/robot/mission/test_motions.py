@@ -14,7 +14,7 @@ from sysid.errors import DataError, ModelError
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Body, MotionInputs, Pose, SensorInputs
-from sysid.robot.mission.monte_carlo.runs import Runner, chunks
+from sysid.robot.mission.monte_carlo.runs import chunks, runner_of
 from sysid.robot.mission.motion.slip import Slip
 from sysid.robot.mission.sensors.inertial import Accelerometer
 from sysid.robot.mission.simulator import scene_of, simulate
@@ -264,8 +264,7 @@ def test_runs_side_by_side_are_the_runs_one_after_the_other() -> None:
     )
     setup = Setup.of(mission, [motor()])
     seeds = run_seeds(5, 3)
-    runner = Runner.of(setup)
-    figures = runner.run(chunks(setup, seeds, 4)[0]).figures
+    figures = runner_of((setup, True))(chunks(setup, seeds, 4)[0]).figures
     agreed = agreement(setup, seeds, figures)
     assert agreed.apart == ()
     assert agreed.largest <= TOLERANCE

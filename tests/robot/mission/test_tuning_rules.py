@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from mission_cases import Robot
 
+from sysid.robot.mission.control.linear import PIDTerms
 from sysid.robot.mission.tuning.axes import Axis, AxisAnswer, answer
 from sysid.robot.mission.tuning.linear_loops import SampledLoop
-from sysid.robot.mission.tuning.rules import Gains, LagModel, from_edge, from_lag, lag_model
+from sysid.robot.mission.tuning.rules import LagModel, from_edge, from_lag, lag_model
 from sysid.vehicle.kinematics import Geometry
 
 PERIOD = 0.1
@@ -61,7 +62,7 @@ def test_the_edge_of_stability_is_that_of_the_poles() -> None:
     assert (pi.kp, pi.ki) == pytest.approx((0.45 * edge[0], 0.45 * edge[0] * 1.2 / edge[1]))
 
 
-def closed_loop_poles(axis: Axis, gains: Gains) -> np.ndarray:
+def closed_loop_poles(axis: Axis, gains: PIDTerms) -> np.ndarray:
     """Roots of 1 + C(z) G(z) of the first-order robot."""
     K = ROBOT.top_speed if axis is Axis.SPEED else 2 * ROBOT.top_speed / Geometry().B
     num, den = np.array([K * (1 - ROBOT.a)]), np.array([1.0, -ROBOT.a])
@@ -87,7 +88,7 @@ def test_margins_are_true_to_the_poles(axis: Axis) -> None:
         kp = float(np.exp(rng.uniform(-2, 3)))
         ki = float(np.exp(rng.uniform(-3, 4))) if kind % 2 else 0.0
         kd = float(np.exp(rng.uniform(-5, 0))) if kind % 3 == 0 else 0.0
-        gains = Gains(kp, ki, kd)
+        gains = PIDTerms(kp, ki, kd)
         radius = np.max(np.abs(closed_loop_poles(axis, gains)))
         if abs(radius - 1) < 0.02:
             continue  # the plant's answer is known to 0.1 % only
@@ -95,7 +96,7 @@ def test_margins_are_true_to_the_poles(axis: Axis) -> None:
         assert result.stable == (radius < 1), (gains, radius)
         judged += 1
         if result.stable and math.isfinite(result.gain):
-            grown = Gains(*(result.gain * g for g in (kp, ki, kd)))
+            grown = PIDTerms(*(result.gain * g for g in (kp, ki, kd)))
             edge = np.max(np.abs(closed_loop_poles(axis, grown)))
             assert edge == pytest.approx(1.0, abs=0.02), gains
     assert judged > 150

@@ -75,9 +75,6 @@ def recorded(law: Law) -> Block:
 
     A law may decide by a number while it is written, in Python; that number stays as it is, and
     stands in ``fixed``.
-
-    Raises:
-        ModelError: the law uses what cannot be written as C.
     """
     free = dict(law.parameters)
     fixed: list[str] = []

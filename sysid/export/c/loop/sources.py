@@ -43,9 +43,6 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
 
     Args:
         loop: of a mission and a robot plant, on plain numbers.
-
-    Raises:
-        ModelError: a law cannot be written as C.
     """
     blocks, files = law_sources(loop)
     run, why = record_run(loop), not_again(loop, blocks)
@@ -67,11 +64,7 @@ def _block(loop: Loop, law: Law) -> Block | None:
 
 
 def law_sources(loop: Loop) -> tuple[dict[str, Block], dict[str, str]]:
-    """The laws of a closed loop as C, and their files, with those of the controller they make.
-
-    Raises:
-        ModelError: a law cannot be written as C.
-    """
+    """The laws of a closed loop as C, and their files, with those of the controller they make."""
     if not isinstance(loop.plant, RobotPlant):
         raise ModelError("the plant of the loop is not a robot; map it with as_robot first")
     blocks = {name: b for name, law in laws(loop).items() if (b := _block(loop, law)) is not None}

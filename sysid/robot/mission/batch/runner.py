@@ -96,9 +96,6 @@ class BatchRunner(ABC):
                 ``batch_size`` of them.
             seeds: of the sensors' noise, one a run.
             seen: takes each block and what is shown of its samples, (BLOCK, …, batch_size).
-
-        Returns:
-            Their figures, in this order.
         """
         jax = jax_module()
         jnp, n = jax.numpy, len(seeds)

@@ -105,9 +105,6 @@ class Setup:
             mission: nominal; its ``vary`` says what varies and by how much.
             plants: fitted models, or plants that are the same in every run; the first is nominal.
             vary: names of what varies instead.
-
-        Raises:
-            UsageError: a name is not known.
         """
         variation = mission.vary if vary is None else mission.vary.of(vary)
         kept = plants if variation.models else plants[:1]
@@ -190,11 +187,7 @@ class Setup:
         return varied_mission(variant.sampler, samples), robot, self.noise_seed(seed)
 
     def simulated(self, seed: int) -> MissionResult:
-        """One run, as :func:`sysid.robot.mission.simulator.simulate` gives it.
-
-        Raises:
-            ModelError: its plant runs away.
-        """
+        """One run, as :func:`sysid.robot.mission.simulator.simulate` gives it."""
         mission, robot, noise = self.alone(seed)
         return simulate(mission, robot, noise, self.known(seed))
 

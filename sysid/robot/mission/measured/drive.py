@@ -7,7 +7,6 @@ import numpy as np
 from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
-from sysid.robot.mission.result import MissionResult
 from sysid.vehicle.kinematics import wrap_angle
 
 FINEST = np.array([1e-3, 1e-3, 2e-3])
@@ -148,12 +147,6 @@ def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
 def command_begins(t: Array, pwm: Array) -> float:
     """The first instant with a command [s]; the first of all where there is none."""
     return float(t[int(np.argmax(np.any(pwm != 0.0, axis=1)))])
-
-
-def nominal_command_begins(nominal: MissionResult) -> float:
-    """When a simulated mission gives its first command [s]."""
-    log = nominal.log
-    return command_begins(log["t"], np.column_stack([log["pwm_l"], log["pwm_r"]]))
 
 
 def _first_command(record: Record, moves: float) -> tuple[float, str]:

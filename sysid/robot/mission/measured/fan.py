@@ -22,7 +22,7 @@ from sysid.robot.mission.measured.drive import (
     FINEST,
     Clock,
     MeasuredDrive,
-    nominal_command_begins,
+    command_begins,
     sets_off,
 )
 from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
@@ -157,9 +157,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     Args:
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.
-
-    Raises:
-        UsageError: the runs are too few.
     """
     if len(paths.pose) < MIN_RUNS:
         raise UsageError(
@@ -289,8 +286,6 @@ def against_runs(
 
     Raises:
         DataError: the log holds no path.
-        UsageError: a name or a number makes no sense.
-        ModelError: the plant is none that could drive.
     """
     drive = MeasuredDrive.of(record)
     x, y, psi = drive.start.tolist()
@@ -299,9 +294,8 @@ def against_runs(
     spread = (Spread(sigma=float(e)) for e in drive.start_error)
     start = StartSpread(**dict(zip(("x", "y", "psi"), spread, strict=True)))
     setup = replace(setup, variation=setup.variation.model_copy(update={"start": start}))
-    nominal = simulate(begins_there, setup.plant_variants[0].robot)
-    comparison = compared(
-        drive, run_paths(setup, runs, seed), nominal_command_begins(nominal), seed
-    )
+    nominal = simulate(begins_there, setup.plant_variants[0].robot).log
+    begins = command_begins(nominal["t"], np.column_stack([nominal["pwm_l"], nominal["pwm_r"]]))
+    comparison = compared(drive, run_paths(setup, runs, seed), begins, seed)
     notes = (*drive.notes(mission.start), *setup.notes(0, 0, runs))
     return replace(comparison, notes=notes)

@@ -161,6 +161,10 @@ class MissionRuns:
             f"{_percent(float(missed.mean()))} it is not there, {off:.2g} m off in the median."
         )
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{o.count} {name}" for name, o in self.outcomes.items() if o.count)
+        return f"<{type(self).__name__} of {self.n}: {counts}>"
+
     def _repr_html_(self) -> str:
         rows = [
             (name, str(o.count), f"{100 * o.share:.3g} %", " to ".join(map(_percent, o.interval)))
@@ -202,9 +206,6 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
 
     Args:
         path: the file; it appears complete or not at all.
-
-    Raises:
-        DataError: the file cannot be written there.
     """
     outcomes = [batch.figures.outcome(k) for k in range(batch.n)]
     numbers = (np.where(np.isfinite(column), column, np.nan) for column in batch.figures[1:])

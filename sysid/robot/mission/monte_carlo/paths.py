@@ -32,11 +32,7 @@ class RunPaths:
 
 
 def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
-    """Drive so many runs and keep the paths of those that do not fail, 24 bytes a sample of each.
-
-    Raises:
-        ModelError: the plant is none that could drive, or cannot be drawn.
-    """
+    """Drive so many runs and keep the paths of those that do not fail, 24 bytes a sample each."""
     paths = _driven(setup, run_seeds(seed, runs), min(BATCH_SIZE, runs), failed=False)
     if not paths:
         raise ModelError("every run of the mission fails, because the plant or a law diverges")

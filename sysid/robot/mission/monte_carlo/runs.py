@@ -1,7 +1,6 @@
 """Many runs of a mission: chunks to workers, their results joined."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import NamedTuple
 
@@ -69,32 +68,21 @@ def chunks(setup: Setup, seeds: Sequence[int], size: int) -> list[Chunk]:
     return parts
 
 
-@dataclass(frozen=True, eq=False)
-class Runner:
-    """Runs chunks of a setup, all runs of one at once, or one after the other in NumPy.
+def runner_of(given: tuple[Setup, bool]) -> Callable[[Chunk], ChunkResult]:
+    """What runs the chunks of a setup to their ends, all runs of one side by side, or one after
+    the other in NumPy."""
+    setup, at_once = given
+    plants = range(len(setup.plants)) if at_once else ()
+    compiled = [VariedRuns(setup, k, BATCH_SIZE) for k in plants]
 
-    Attributes:
-        compiled: for each plant, its runs side by side; empty: one after the other.
-    """
-
-    setup: Setup
-    compiled: tuple[VariedRuns, ...]
-
-    @staticmethod
-    def of(setup: Setup, at_once: bool = True) -> "Runner":
-        """A runner of compiled runs, or of single ones."""
-        plants = range(len(setup.plants)) if at_once else ()
-        return Runner(setup, tuple(VariedRuns(setup, k, BATCH_SIZE) for k in plants))
-
-    def run(self, chunk: Chunk) -> ChunkResult:
-        """The runs of a chunk, to their ends."""
-        sampler = self.setup.plant_variants[chunk.which].sampler
+    def run(chunk: Chunk) -> ChunkResult:
+        sampler = setup.plant_variants[chunk.which].sampler
         samples, varying = sampler.draw(chunk.seeds), sampler.varying
-        if self.compiled:
-            figures = self.compiled[chunk.which].of(samples)
+        if compiled:
+            figures = compiled[chunk.which].of(samples)
         else:
-            figures = stacked([figures_alone(self.setup, s) for s in chunk.seeds])
-        error = figures.final_error_m(self.setup.mission.goal)
+            figures = stacked([figures_alone(setup, s) for s in chunk.seeds])
+        error = figures.final_error_m(setup.mission.goal)
         arrived: Array = figures.verdict == Verdict.ARRIVED
         ended: Array = figures.verdict != FAILED
         return ChunkResult(
@@ -105,10 +93,7 @@ class Runner:
             moments(samples.inputs, varying, error, ended),
         )
 
-
-def runner_of(given: tuple[Setup, bool]) -> Callable[[Chunk], ChunkResult]:
-    """What runs the chunks of a setup, side by side or not, on a worker."""
-    return Runner.of(*given).run
+    return run
 
 
 MOST_RUNS = 10_000_000

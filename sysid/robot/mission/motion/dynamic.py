@@ -34,7 +34,6 @@ class Dynamic(Physics):
     def step(
         self, state: VehicleState, inputs: MotionInputs, dt: Real, xp: Any
     ) -> tuple[VehicleState, Body]:
-        """The vehicle ``dt`` seconds later, under the drive held meanwhile."""
         scene = inputs.scene
         car, floor, motors = scene.car, scene.floor, scene.motors
         assert car is not None

@@ -45,11 +45,9 @@ class Kinematic(Settings):
     """The vehicle moves as its tracks roll (thesis 2.14); its state is where it was."""
 
     def start(self, scene: Scene, xp: Any) -> Body:
-        """At rest in the start pose."""
         return Body(scene.start, 0.0, 0.0)
 
     def step(self, state: Body, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
-        """Where the vehicle is ``dt`` seconds later."""
         rolled = body_velocity(inputs.omega_l, inputs.omega_r, inputs.scene.geometry)
         body = carried(state, *rolled, dt, xp, inputs.lateral)
         return body, body

@@ -64,7 +64,6 @@ class Slip(Physics):
         return Body(scene.start, 0.0, 0.0)
 
     def step(self, state: Body, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
-        """Where the vehicle is ``dt`` seconds later."""
         omega = inputs.omega_l, inputs.omega_r
         if self._by_shares:
             speed, yaw_rate = self._by_law(omega, inputs.scene, xp)

@@ -30,7 +30,6 @@ class Odometry(Settings):
     B: Positive | None = None
 
     def start(self, scene: Scene, xp: Any) -> Body | Reckoned:
-        """At rest in the start pose, which is known."""
         at_rest = Body(scene.start, 0.0, 0.0)
         counted = any("omega_l" in sensor.names for sensor in scene.sensors.values())
         return Reckoned(at_rest, 0.0) if counted else at_rest
@@ -38,7 +37,6 @@ class Odometry(Settings):
     def step(
         self, state: Body | Reckoned, inputs: NavigationInputs, dt: Real, xp: Any
     ) -> tuple[Body | Reckoned, Body]:
-        """The estimate ``dt`` seconds later."""
         geometry = inputs.scene.geometry
         if self.r is not None or self.B is not None:
             geometry = Geometry(self.r or geometry.r, self.B or geometry.B)
@@ -85,11 +83,9 @@ class Compass(Settings):
     default_sensors: ClassVar[tuple[str, ...]] = ("encoders", "magnetometer")
 
     def start(self, scene: Scene, xp: Any) -> Body:
-        """At rest in the start pose, which is known."""
         return Body(scene.start, 0.0, 0.0)
 
     def step(self, state: Body, inputs: NavigationInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
-        """The estimate ``dt`` seconds later."""
         measurements = inputs.measurements
         left, right = measurements["omega_l"], measurements["omega_r"]
         rolled = moved(state, left, right, inputs.scene.geometry, dt, xp)
@@ -129,7 +125,6 @@ class Inertial(Settings):
     def step(
         self, state: InertialState, inputs: NavigationInputs, dt: Real, xp: Any
     ) -> tuple[InertialState, Body]:
-        """The estimate ``dt`` seconds later."""
         last, measurements = state.estimate, inputs.measurements
         acceleration = _read(measurements.get("acc_x", xp.nan), state.acceleration, xp)
         yaw_rate = _read(measurements.get("gyro_z", xp.nan), last.yaw_rate, xp)

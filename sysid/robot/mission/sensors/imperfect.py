@@ -136,7 +136,6 @@ class ImperfectSensor(Settings):
         return tuple(noise**2 / span + step**2 / 12.0 for noise, step in figures)
 
     def figures(self, dt: float) -> Mapping[str, Figures]:
-        """How well it reads, by name, where the plant's sample time is ``dt`` [s]."""
         n = len(self.measured)
         columns = (
             self.measured,

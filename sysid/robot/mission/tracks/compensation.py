@@ -61,9 +61,6 @@ def compensation_of(
     Args:
         plant: a robot; only what was identified with effects holds any.
         compensate: ids, or all that were identified and can be undone.
-
-    Raises:
-        ModelError: the plant does not hold an effect that is named.
     """
     if not compensate:
         return None

@@ -65,13 +65,6 @@ class _Drive:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Refused:
-    """A wiring that cannot drive, with the reason."""
-
-    reason: str
-
-
 def as_robot(
     plant: SteppablePlant, mission: Mission, top_speed: float = TOP_SPEED
 ) -> tuple[RobotPlant, tuple[str, ...]]:
@@ -103,7 +96,11 @@ def as_robot(
     volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)
     notes = (*notes, *supply_notes(mission.vehicle.supply, identified_effects(robot), volts))
     said = assumed(mission.navigation, mission.sensors, robot.dt)
-    return robot, (*notes, *said, *_about_motion(robot, mission))
+    if isinstance(mission.motion, TurnsTracks):
+        said += check_lifted(robot, mission.vehicle.lifted)
+    wanted = getattr(mission.motion, "wanted", ())
+    missing = assumed_physics(mission.physics, wanted, mission.car)
+    return robot, (*notes, *said, *([missing] if missing else []))
 
 
 def _scaled(mission: Mission) -> VehicleSpec:
@@ -119,16 +116,6 @@ def _scaled(mission: Mission) -> VehicleSpec:
     return vehicle.model_copy(update={"speed_scale": 1.0})
 
 
-def _about_motion(robot: RobotPlant, mission: Mission) -> tuple[str, ...]:
-    """What the motion takes for granted: motors off the ground, numbers of vehicle and floor."""
-    said: tuple[str, ...] = ()
-    if isinstance(mission.motion, TurnsTracks):
-        said = check_lifted(robot, mission.vehicle.lifted)
-    wanted = getattr(mission.motion, "wanted", ())
-    missing = assumed_physics(mission.physics, wanted, mission.car)
-    return (*said, *([missing] if missing else []))
-
-
 def _driving(
     plant: SteppablePlant, mission: Mission, top_speed: float
 ) -> tuple[RobotPlant, tuple[str, ...]]:
@@ -136,8 +123,8 @@ def _driving(
     complaint, vehicle = "", _scaled(mission)
     for wiring in wirings(plant):
         wired = _wired(plant, wiring, vehicle, top_speed)
-        if isinstance(wired, _Refused):
-            complaint = complaint or wired.reason
+        if isinstance(wired, str):
+            complaint = complaint or wired
             continue
         robot, notes = wired
         if wiring.twins:
@@ -150,7 +137,7 @@ def _driving(
             if turning < 0:  # the first output answers more to the second input
                 wiring = Wiring(False, wiring.driven, wiring.read[::-1])
                 wired = _wired(plant, wiring, vehicle, top_speed)
-            if not isinstance(wired, _Refused):
+            if not isinstance(wired, str):
                 taken = (_order_note(plant, wiring), *_fixed_note(plant, wiring))
                 return wired[0], (*taken, *wired[1])
         complaint = "its first two inputs and outputs do not steer as two tracks do"
@@ -184,7 +171,7 @@ def _robot(
 
 def _wired(
     plant: SteppablePlant, wiring: Wiring, vehicle: VehicleSpec, top_speed: float
-) -> tuple[RobotPlant, tuple[str, ...]] | _Refused:
+) -> tuple[RobotPlant, tuple[str, ...]] | str:
     """Scale one wiring; the sentences name what was assumed."""
     u, y = plant.inputs, plant.outputs
     at = list(wiring.read)
@@ -196,7 +183,7 @@ def _wired(
     if answer.ending is Ending.KEEPS_MOVING and direct:
         return _unsettled(plant, wiring, drive, vehicle)
     refused = _refusal(plant, wiring, rest, answer)
-    if refused is not None:
+    if refused:
         return refused
     rise = answer.y[at] - rest.y[at]
     notes = list(drive.notes)
@@ -269,19 +256,17 @@ def _static_answer(
     return rest, settle(plant, rest.state, raised)
 
 
-def _refusal(
-    plant: SteppablePlant, wiring: Wiring, rest: Settling, answer: Settling
-) -> _Refused | None:
+def _refusal(plant: SteppablePlant, wiring: Wiring, rest: Settling, answer: Settling) -> str:
     """Why nothing can be scaled by a static answer: there is none, or an output does not answer."""
     if answer.ending is not Ending.RESTS:
-        return _Refused(answer.ending.value)
+        return answer.ending.value
     for i, j in zip(wiring.driven, wiring.read, strict=True):
         if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
-            return _Refused(
+            return (
                 f"output {plant.outputs[j].name} does not respond to a constant input "
                 f"{plant.inputs[i].name}; fit it with other inputs or outputs"
             )
-    return None
+    return ""
 
 
 def _opposite(robot: RobotPlant, full: float) -> tuple[float, float]:

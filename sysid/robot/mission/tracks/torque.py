@@ -138,11 +138,7 @@ class GroundedPlant(TrackChannels):
 
 
 def on_ground(plant: SteppablePlant, scene: Scene) -> GroundedPlant:
-    """The plant's motors under the vehicle of a scene, on its floor without patches and slope.
-
-    Raises:
-        ModelError: the plant has no torques.
-    """
+    """The plant's motors under the vehicle of a scene, on its floor without patches and slope."""
     assert scene.car is not None
     assert scene.floor is not None
     floor = replace(scene.floor, patches=(), slope=(0.0, 0.0))

@@ -74,9 +74,6 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
 
     Args:
         plant: a robot: PWM [µs] in, wheel speeds [rad/s] out.
-
-    Raises:
-        ModelError: the plant does not come to rest, or does not answer.
     """
     centre = POINT.drive * PWM_FULL_SCALE * np.ones(2)
     direction = np.array([1.0, 1.0]) if axis is Axis.SPEED else np.array([-1.0, 1.0])

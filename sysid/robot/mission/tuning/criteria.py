@@ -61,9 +61,6 @@ class StepTest:
 
         The speed is the largest that guidance asks for, or :attr:`StepRule.reached` of what the
         plant reaches. Times are whole control periods.
-
-        Raises:
-            ModelError: the plant does not answer.
         """
         control, geometry = mission.control, mission.vehicle.geometry
         along, around = (answer(robot, geometry, axis) for axis in Axis)

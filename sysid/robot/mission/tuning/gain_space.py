@@ -37,11 +37,7 @@ class GainSpace:
 
     @classmethod
     def of(cls, control: Controller) -> "GainSpace":
-        """The gains of a controller.
-
-        Raises:
-            UsageError: it has none that could be tuned.
-        """
+        """The gains of a controller."""
         gains: Mapping[str, tuple[float, float]] = (
             control.gains if isinstance(control, TunedSettings) else {}
         )

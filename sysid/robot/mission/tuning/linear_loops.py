@@ -2,21 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.robot.mission.contracts import SteppablePlant
-from sysid.robot.mission.control.linear import P
+from sysid.robot.mission.control.linear import P, PIDTerms
 from sysid.robot.mission.settings import TunedSettings
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.axes import Axis, AxisAnswer, answer
 from sysid.robot.mission.tuning.gain_space import gain_of
-from sysid.robot.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
+from sysid.robot.mission.tuning.rules import from_edge, from_lag, lag_model
 
 _POINTS = 8000
 """Frequencies of a loop: a crossing is found within 0.3 % of its frequency, then interpolated."""
@@ -83,7 +83,7 @@ class SampledLoop:
             plant = plant * 0.5 * period * (z + 1) / (z - 1)
         return cls(omega, plant, period, answer.axis is Axis.YAW)
 
-    def controller(self, gains: Gains) -> NDArray[np.complex128]:
+    def controller(self, gains: PIDTerms) -> NDArray[np.complex128]:
         """C = kp + ki T z/(z − 1) + kd F (z − 1)/(T z), as the loop's laws sum and difference.
 
         F = a z/(z − 1 + a) with a = T/(T_f + T) is the derivative's filter, 1 without one.
@@ -101,7 +101,7 @@ class SampledLoop:
         gain, at = _gain_margin(self.omega, self.plant)
         return (gain, 2 * math.pi / at) if math.isfinite(gain) else None
 
-    def margins(self, gains: Gains) -> Margins:
+    def margins(self, gains: PIDTerms) -> Margins:
         loop = self.plant * self.controller(gains)
         gain, _ = _gain_margin(self.omega, loop)
         phase, crossover = _phase_margin(self.omega, loop)
@@ -213,10 +213,10 @@ class LinearLoops:
         """Margins of each axis whose law is linear; of the others there are none."""
         margins = {}
         for axis, names in self.keys.items():
-            axis_gains = Gains(**{n: gains[key] for n, key in names.items()})
             law = getattr(self.mission.control, axis.value, None)
-            axis_gains = replace(axis_gains, filter_time=float(getattr(law, "filter_time", 0.0)))
-            margins[axis.value] = self._answers[axis].margins(axis_gains)
+            terms: dict[str, Any] = {n: gains[key] for n, key in names.items()}
+            terms["filter_time"] = float(getattr(law, "filter_time", 0.0))
+            margins[axis.value] = self._answers[axis].margins(PIDTerms(**terms))
         return margins
 
     def stable(self, gains: Mapping[str, float]) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.robot.mission.control.linear import PIDTerms
 from sysid.robot.mission.tuning.axes import Axis, AxisAnswer
 
 
@@ -27,20 +28,6 @@ class LagModel:
     gain: float
     lag: float
     dead_time: float
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains of a parallel PID: u = kp e + ki ∫e dt + kd de/dt (thesis 4.32).
-
-    Attributes:
-        filter_time: of a first-order filter of the derivative [s].
-    """
-
-    kp: float
-    ki: float = 0.0
-    kd: float = 0.0
-    filter_time: float = 0.0
 
 
 def lag_model(answer: AxisAnswer, period: float) -> LagModel:
@@ -74,11 +61,12 @@ def lag_model(answer: AxisAnswer, period: float) -> LagModel:
     return LagModel(answer.gain, lag, float(dead) + 0.5 * period)
 
 
-def _parallel(kp: float, ti: float = math.inf, td: float = 0.0) -> Gains:
-    return Gains(kp, kp / ti, kp * td)
+def _parallel(kp: float, ti: float = math.inf, td: float = 0.0) -> PIDTerms:
+    """kp (e + ∫e dt/ti + td de/dt) (thesis 4.32)."""
+    return PIDTerms(kp, kp / ti, kp * td)
 
 
-def _ziegler_nichols(m: LagModel) -> dict[str, Gains]:
+def _ziegler_nichols(m: LagModel) -> dict[str, PIDTerms]:
     a, theta = m.gain * m.dead_time / m.lag, m.dead_time
     return {
         "p": _parallel(1 / a),
@@ -87,7 +75,7 @@ def _ziegler_nichols(m: LagModel) -> dict[str, Gains]:
     }
 
 
-def _cohen_coon(m: LagModel) -> dict[str, Gains]:
+def _cohen_coon(m: LagModel) -> dict[str, PIDTerms]:
     r, theta = m.dead_time / m.lag, m.dead_time
     a = m.gain * r
     return {
@@ -99,18 +87,18 @@ def _cohen_coon(m: LagModel) -> dict[str, Gains]:
     }
 
 
-def _lambda(m: LagModel) -> dict[str, Gains]:
+def _lambda(m: LagModel) -> dict[str, PIDTerms]:
     """IMC with λ = τ: the closed loop is as quick as the plant, without overshoot."""
     return {"pi": _parallel(m.lag / (m.gain * (m.lag + m.dead_time)), m.lag)}
 
 
-def _simc(m: LagModel) -> dict[str, Gains]:
+def _simc(m: LagModel) -> dict[str, PIDTerms]:
     """τ_c = θ, which Skogestad recommends."""
     closed = 2 * m.dead_time
     return {"pi": _parallel(m.lag / (m.gain * closed), min(m.lag, 4 * closed))}
 
 
-_OF_A_LAG: Mapping[str, Callable[[LagModel], dict[str, Gains]]] = {
+_OF_A_LAG: Mapping[str, Callable[[LagModel], dict[str, PIDTerms]]] = {
     "ziegler-nichols": _ziegler_nichols,
     "cohen-coon": _cohen_coon,
     "lambda": _lambda,
@@ -118,7 +106,7 @@ _OF_A_LAG: Mapping[str, Callable[[LagModel], dict[str, Gains]]] = {
 }
 
 
-def _integrating(m: LagModel) -> dict[str, dict[str, Gains]]:
+def _integrating(m: LagModel) -> dict[str, dict[str, PIDTerms]]:
     """Rules for K e^{−θs}/(s(τs + 1)); a lag counts as dead time where no derivative meets it.
 
     Ziegler and Nichols look at the slope K and the apparent dead time L; Cohen and Coon have no
@@ -141,7 +129,7 @@ def _integrating(m: LagModel) -> dict[str, dict[str, Gains]]:
     }
 
 
-def from_lag(axis: Axis, model: LagModel) -> dict[str, dict[str, Gains]]:
+def from_lag(axis: Axis, model: LagModel) -> dict[str, dict[str, PIDTerms]]:
     """Gains by rule and kind of controller.
 
     Args:
@@ -152,7 +140,7 @@ def from_lag(axis: Axis, model: LagModel) -> dict[str, dict[str, Gains]]:
     return {name: rule(model) for name, rule in _OF_A_LAG.items()}
 
 
-def from_edge(ultimate_gain: float, ultimate_period: float) -> dict[str, Gains]:
+def from_edge(ultimate_gain: float, ultimate_period: float) -> dict[str, PIDTerms]:
     """Ziegler and Nichols' gains from a proportional loop on the edge of stability.
 
     Args:

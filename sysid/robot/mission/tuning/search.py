@@ -67,11 +67,7 @@ class SearchOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse numbers that make no search.
-
-        Raises:
-            UsageError: there are too few or too many.
-        """
+        """Refuse numbers that make no search."""
         if not 8 <= self.trials <= RULE.most:
             raise UsageError(f"`trials` is {self.trials}: give a number from 8 to {RULE.most}")
         if not 1 <= self.robust <= RULE.most:
@@ -226,7 +222,9 @@ class _Search:
             else:
                 order = members.members[np.argsort(members.distance, kind="stable")]
                 parents = self.space.points(self.gains[order[np.arange(count) % len(order)]])
-                points = _reflected(parents + width * rng.standard_normal(parents.shape))
+                points = parents + width * rng.standard_normal(parents.shape)
+                # what lies outside of the unit cube comes back from its wall
+                points = 1.0 - np.abs(1.0 - np.mod(points, 2.0))
             self._drive(self.space.values(points))
 
     def front(self, outside: Index | None = None) -> Front | None:
@@ -268,11 +266,6 @@ class _Search:
         self._stable = np.concatenate([self._stable, stable])
         if self._progress is not None:
             self._progress(len(gains))
-
-
-def _reflected(points: Array) -> Array:
-    """Points of the unit cube; what lies outside comes back from the wall."""
-    return np.asarray(1.0 - np.abs(1.0 - np.mod(points, 2.0)))
 
 
 def _proposed(members_front: Front, members: tuple[GainSet, ...]) -> int:

@@ -40,7 +40,6 @@ class Static:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing is done."""
         return not self.stages
 
     @property
@@ -55,12 +54,10 @@ class Static:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of its parameters."""
         return tuple(n for s in self.stages for n in s.names)
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return len(self.names)
 
     def slices(self) -> tuple[slice, ...]:
@@ -84,12 +81,11 @@ class Static:
             slope = slope * inner
         return x, slope, np.concatenate(partials) if partials else np.zeros((0, *x.shape))
 
-    def admissible(self, p: Array) -> bool:
-        """Whether limits and points stand in increasing order, points not all but together."""
-        return bool(self.admissible_each(p[None])[0])
-
     def admissible_each(self, p: Array) -> NDArray[np.bool_]:
-        """The same for every row of p (K, n), (K,)."""
+        """Whether limits and points stand in increasing order, points not all but together.
+
+        For every row of p (K, n), (K,).
+        """
         admissible = np.ones(len(p), dtype=bool)
         for stage, part in zip(self.stages, self.slices(), strict=True):
             rising = p[:, part][:, : KINDS[stage.kind].ordered(stage.size)]
@@ -106,7 +102,6 @@ class Static:
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "Static":
-        """Undo ``to_json``."""
         plain = parse_static(str(raw["text"]))
         knots = [tuple(float(t) for t in row) for row in raw["knots"]]
         return Static(tuple(replace(s, knots=k) for s, k in zip(plain.stages, knots, strict=True)))

@@ -43,7 +43,6 @@ class Stage:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of its parameters."""
         return KINDS[self.kind].names(self.size)
 
     def evaluated(self, x: Array, p: Array) -> Evaluation:

@@ -30,11 +30,7 @@ class RequestedStatics:
         return self.common is None or any(s is None for _, s in self.named)
 
     def of_channels(self, channels: Sequence[Channel], default: Static) -> tuple[Static, ...]:
-        """The static of each channel, ``default`` where it is open.
-
-        Raises:
-            UsageError: a named channel does not exist.
-        """
+        """The static of each channel, ``default`` where it is open."""
         names = [c.name for c in channels]
         for name, _ in self.named:
             if name not in names:
@@ -47,11 +43,7 @@ class RequestedStatics:
 
 
 def requested_statics(place: str, options: Mapping[str, str]) -> RequestedStatics:
-    """What ``options`` ask of the statics at one place.
-
-    Raises:
-        UsageError: a static cannot be read.
-    """
+    """What ``options`` ask of the statics at one place."""
     common, named = None, []
     for key, text in options.items():
         name, bracket, channel = key.partition("[")

@@ -148,7 +148,6 @@ class MotorPhysics(Physics):
         return speeds + tuple(f"angle{t}" for t in tags if self.output == "position")
 
     def ladder(self) -> tuple[Rung, ...]:
-        """Mechanisms that ``friction=auto`` tries."""
         if self.friction != "auto":
             return ()
         return (
@@ -212,7 +211,6 @@ class MotorPhysics(Physics):
         }
 
     def bare(self) -> Self:
-        """The equation alone, whatever is estimated and written out."""
         return replace(self, friction="auto", torque_per_input=0.0)
 
     def motion(self, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
@@ -249,7 +247,6 @@ class MotorPhysics(Physics):
     # ----------------------------------------------------------------- starts
 
     def for_record(self, record: Record) -> Self:
-        """With the kinds of input and output settled."""
         structure = self
         if self.input == "auto":
             pwm = all(

@@ -247,11 +247,7 @@ class FilePhysics(Physics):
         )
 
     def require_channels(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> None:
-        """Refuse channels in other units than the file's, or in another order.
-
-        Raises:
-            UsageError: one is.
-        """
+        """Refuse channels in other units than the file's, or in another order."""
         d = self.definition
         for side, units, channels in (("input", d.inputs, inputs), ("output", d.outputs, outputs)):
             names = [c.name for c in channels]

@@ -35,11 +35,6 @@ class FromFile(GreyBox[FilePhysics]):
 
     @classmethod
     def physics_for(cls, given: Mapping[str, str], nu: int, ny: int) -> FilePhysics:
-        """The physics of the file.
-
-        Raises:
-            UsageError: the log has other numbers of channels than the file.
-        """
         d = definition_of(cls.text)
         if (nu, ny) != (len(d.inputs), len(d.outputs)):
             raise UsageError(

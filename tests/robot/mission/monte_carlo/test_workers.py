@@ -19,7 +19,6 @@ from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Command, ControlInputs, Scene
 from sysid.robot.mission.monte_carlo.runs import (
     ChunkResult,
-    Runner,
     chunks,
     runner_of,
     simulate_runs,
@@ -72,7 +71,7 @@ def test_a_part_that_kills_every_process_is_given_up() -> None:
 def test_processes_give_the_same() -> None:
     setup = Setup.of(MISSION, [Robot()])
     parts = chunks(setup, run_seeds(2, 12), 3)
-    here = [Runner.of(setup).run(chunk) for chunk in parts]
+    here = list(map(runner_of((setup, True)), parts))
     same(list(Job(runner_of, (setup, True)).results(parts, PROCESSES)), here)
 
 
@@ -80,7 +79,7 @@ def test_a_cluster_gives_the_same() -> None:
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
     setup = Setup.of(MISSION, [Robot()])
     parts = chunks(setup, run_seeds(2, 6), 3)
-    here = [Runner.of(setup, at_once=False).run(chunk) for chunk in parts]
+    here = list(map(runner_of((setup, False)), parts))
     quiet = {"dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **quiet) as cluster:
         job = Job(runner_of, (setup, False))

@@ -1,0 +1,159 @@
+"""Whether a gain, a lag or the level of a process goes with a column that is not used.
+
+The score test of ``constancy`` with the column c in place of time: the errors of the process,
+beside static curves of inputs and response, are tested for c·x, c·∂x/∂ln S and c behind the
+process's own lags (x: the responses; Wald statistic with the covariance of sums over blocks, of F's
+law). A slow column goes along with anything that changes in time: it is told only where a free run
+with it errs hardly more than with the best step or trend in time. A column that sees the noise of
+the output is another view of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from scipy.special import fdtrc
+
+from sysid.data.checks.constancy import (
+    BLOCKS,
+    EDGE,
+    MIN_SAMPLES,
+    Change,
+    Part,
+    curves,
+    main_input,
+    statistics,
+)
+from sysid.data.impulse import orthonormal
+from sysid.data.process import ProcessFit
+from sysid.data.record import Array, Record
+
+ALARM = 1e-6
+"""Level of the tests: a view of the output that is smoothed sees little of its noise."""
+
+LEAVES, AS_TIME = 0.7, 1.2
+"""Share of the squared errors of the free run that a column may leave; times what time leaves."""
+
+LAGS = 8
+"""Samples of its past that say what is new in a column."""
+
+FOLLOWS = 0.5
+"""Share of a column that inputs and responses explain, from which on no level goes with it."""
+
+WITHIN = (0.05, 0.95)
+"""Quantiles of a column between which a change is stated."""
+
+CHANGES = 0.1
+"""Relative change of a gain or a lag that is stated."""
+
+
+def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
+    """What goes with the unused column that explains most of output j; None where none does."""
+    names = records[0].unused_names
+    unused = [r.unused for r in records if r.unused is not None and r.unused_names == names]
+    if not names or len(unused) < len(records) or len(fit.residual) < MIN_SAMPLES:
+        return None
+    beside = _Beside(records, j, fit)
+    allowed, change = beside.allowed, None
+    for k, name in enumerate(names):
+        column = np.concatenate([part[:, k] for part in unused])
+        low, high = np.quantile(column, WITHIN).tolist()
+        if not high > low:
+            continue
+        middle, span = float(column.mean()), high - low
+        c = ((column - middle) / span)[:, None]
+        own = fit.through(main_input(fit), [(part[:, k] - middle) / span for part in unused])
+        products = np.hstack([fit.responses * c, fit.responses * c**2, beside.lags * c])
+        left = beside.left(np.column_stack([products, own]))
+        if left > allowed or beside.shares_noise(column):
+            continue
+        p = beside.chance(c, own)
+        level = beside.is_apart(c) and beside.left(own[:, None]) <= beside.left(products)
+        ends = np.array([[(v - middle) / span] for v in (low, high)])
+        parts = () if level else beside.parts(np.column_stack([products, own]), ends)
+        if p < ALARM / len(names) and (parts or level):
+            allowed, r = left, records[0]
+            of = r.output_names[j], r.name, parts, np.nan, np.nan, p
+            change = Change(*of, (name, low, high), level)
+    return change
+
+
+class _Beside:
+    """What base, responses, their slopes and static curves leave of output j."""
+
+    def __init__(self, records: Sequence[Record], j: int, fit: ProcessFit) -> None:
+        self.record, self.fit = records[0], fit
+        self.lags = fit.slopes.sum(axis=1, keepdims=True)
+        self.y = np.concatenate([r.y[:, j] for r in records])
+        self._u = np.concatenate([r.u for r in records])
+        base = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit)])
+        self._white = orthonormal(fit.white.filtered(base), 1e-9)[0]
+        self._free = orthonormal(base, 1e-9)[0]
+        e = fit.white.filtered(self.y[:, None])[:, 0]
+        self.error = e - self._white @ (self._white.T @ e)
+        self._rest = self.y - self._free @ (self._free.T @ self.y)
+
+    def left(self, columns: Array) -> float:
+        """Squared errors of a free run with these columns besides."""
+        beside = orthonormal(columns - self._free @ (self._free.T @ columns), 1e-9)[0]
+        return float(np.sum((self._rest - beside @ (beside.T @ self._rest)) ** 2))
+
+    @property
+    def allowed(self) -> float:
+        """Squared errors up to which a column explains enough, and as much as time does."""
+        x = self.fit.responses
+        in_time = (self.left(np.hstack([x * w, self.lags * w, w])) for w in _in_time(len(x)))
+        return min(LEAVES * float(self._rest @ self._rest), AS_TIME * min(in_time))
+
+    def chance(self, c: Array, own: Array) -> float:
+        """p value of c without effect on gains, lags and level; its own is behind the lags."""
+        n, white = len(own), self.fit.white.filtered
+        Z = white(np.column_stack([self.fit.responses * c, self.lags * c, own, np.ones(n)]))
+        Z = Z / (np.sqrt(np.mean(Z**2, axis=0)) + 1e-300)
+        edges = np.linspace(0, n, BLOCKS + 1).astype(int)
+        stats, _, _ = statistics(self._white, Z, self.error, np.ones((1, BLOCKS)), edges)
+        q = Z.shape[1] - 1
+        return float(fdtrc(q, BLOCKS - q, float(stats.min()) / q * (1.0 - q / BLOCKS)))
+
+    def parts(self, columns: Array, ends: Array) -> tuple[Part, ...]:
+        """The gains that change between two values of c, else the lags that do."""
+        r, fit, main = self.record, self.fit, main_input(self.fit)
+        every = np.column_stack([fit.responses, columns, np.ones(len(self.y))])
+        solved = np.linalg.lstsq(every, self.y, rcond=1e-9)[0]
+        a, b, d = solved[: 3 * r.nu].reshape(3, r.nu)
+        gains = (fit.gain * (a + b * ends + d * ends**2)).T.tolist()
+        lag = fit.lag[main] * r.dt * np.exp(solved[3 * r.nu] / a[main] * ends[:, 0])
+        parts = [Part(n, True, v, w, 0.0) for n, (v, w) in zip(r.input_names, gains, strict=True)]
+        lagging = Part(r.input_names[main], False, float(lag[0]), float(lag[1]), 0.0)
+        told = [p for p in parts if abs(p.change) > CHANGES]
+        return tuple(told or [lagging] * (abs(lagging.change) > CHANGES))
+
+    @cached_property
+    def _driven(self) -> Array:
+        one = np.ones(len(self.y))
+        return orthonormal(np.column_stack([one, self.fit.responses, self._u]), 1e-9)[0]
+
+    def is_apart(self, c: Array) -> bool:
+        """Whether inputs and responses do not explain c: it may act on the level."""
+        apart = c - self._driven @ (self._driven.T @ c)
+        return bool(np.sum(apart**2) > FOLLOWS * np.sum(c**2))
+
+    def shares_noise(self, c: Array) -> bool:
+        """Whether what is new in c each sample goes with the errors: it sees the output."""
+        rolled = [np.roll(c, k) for k in range(1, LAGS + 1)]
+        past = np.column_stack([*rolled, np.ones(len(c))])[LAGS:]
+        new = c[LAGS:] - past @ np.linalg.lstsq(past, c[LAGS:], rcond=1e-9)[0]
+        x = self.fit.responses.sum(axis=1)
+        x, e = x / (x.std() + 1e-300), self.error
+        seen = np.column_stack([e, e * x, e * x**2])[LAGS:]
+        rest = new - seen @ np.linalg.lstsq(seen, new, rcond=1e-9)[0]
+        ratio = (new @ new - rest @ rest) / max(rest @ rest, 1e-300) * (len(new) - 3) / 3
+        return bool(fdtrc(3, len(new) - 3, ratio) < ALARM)
+
+
+def _in_time(n: int) -> Iterator[Array]:
+    """Steps at times all over the log, and a trend, (n, 1) each."""
+    t = np.arange(n)[:, None] / n
+    yield t
+    for at in np.arange(EDGE, 1.0 - EDGE, 1.0 / BLOCKS).tolist():
+        yield 1.0 * (t >= at)

@@ -1,0 +1,89 @@
+"""Shapes of several inputs: an effect that goes with another input, and an input that is late."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sysid.data.record import Channel, Record
+from sysid.diagnosis.diagnose import diagnose
+
+Array = NDArray[np.float64]
+DT = 0.02
+
+
+def _held(rng: np.random.Generator, n: int, least: int, most: int) -> Array:
+    levels: list[float] = []
+    while len(levels) < n:
+        levels += [float(rng.uniform(-1.0, 1.0))] * int(rng.integers(least, most))
+    return np.array(levels[:n])
+
+
+def _lagged(u: Array, tau: float, dt: float = DT) -> Array:
+    y, k = np.zeros(len(u)), 1.0 - np.exp(-dt / tau)
+    for n in range(1, len(u)):
+        y[n] = y[n - 1] + k * (u[n - 1] - y[n - 1])
+    return y
+
+
+def _record(u: Array, y: Array, names: tuple[str, str], dt: float = DT) -> Record:
+    inputs = tuple(Channel(n, "") for n in names)
+    return Record(u, y[:, None], dt, inputs, (Channel("yaw", "rad/s"),))
+
+
+def test_a_car_turns_by_its_speed_and_its_steering() -> None:
+    """ψ̇ = v tan δ / L: no sum of both inputs follows it, and nothing changes with time."""
+    rng = np.random.default_rng(4)
+    steering, throttle = _held(rng, 2000, 20, 80), 0.55 + 0.4 * _held(rng, 2000, 60, 150)
+    yaw = _lagged(throttle, 0.6) * 2.0 * _lagged(steering, 0.08) + rng.normal(0.0, 0.01, 2000)
+    found = diagnose(
+        [_record(np.column_stack([steering, throttle]), yaw, ("steering", "throttle"))]
+    )
+    assert not found.effects
+    (shape,) = found.shapes
+    assert shape.id == "input-product"
+    assert shape.share > 0.8
+    assert "steering on yaw is in proportion to throttle" in shape.sentence
+    assert not found.grown
+
+
+def test_a_column_that_is_not_used_comes_before_time() -> None:
+    """The same car by its steering alone: its gain does not wander with time."""
+    rng = np.random.default_rng(4)
+    steering, throttle = _held(rng, 2000, 20, 80), 0.55 + 0.4 * _held(rng, 2000, 60, 150)
+    speed = _lagged(throttle, 0.6)
+    yaw = speed * 2.0 * _lagged(steering, 0.08) + rng.normal(0.0, 0.01, 2000)
+    inputs, outputs = (Channel("steering", ""),), (Channel("yaw", "rad/s"),)
+    log = Record(steering[:, None], yaw[:, None], DT, inputs, outputs)
+    copied = yaw + rng.normal(0.0, 0.01, 2000)  # a second gyro says the same
+    unused = np.column_stack([copied, speed + rng.normal(0.0, 0.02, 2000)])
+    found = diagnose([replace(log, unused=unused, unused_names=("gyro_2", "speed"))])
+    (shape,) = found.shapes
+    assert shape.place == "unused column"
+    assert shape.sentence.endswith("is in proportion to speed, which is not used here")
+    assert all(s.place != "unused column" for s in diagnose([log]).shapes)
+
+
+@pytest.mark.slow
+def test_each_input_has_a_dead_time_of_its_own() -> None:
+    """A valve 40 samples away and the weather at the sensor: one dead time for both hides each."""
+    rng = np.random.default_rng(5)
+    valve, weather = _held(rng, 4000, 80, 300), _lagged(rng.normal(0.0, 3.0, 4000), 40.0, 1.0)
+    late = np.append(np.full(40, valve[0]), valve[:-40])
+    y = 20.0 + 9.0 * _lagged(late, 60.0, 1.0) + 4.0 * _lagged(weather, 60.0, 1.0)
+    log = _record(
+        np.column_stack([valve, weather]),
+        y + rng.normal(0.0, 0.05, 4000),
+        ("valve", "weather"),
+        1.0,
+    )
+    found = diagnose([log])
+    assert found.verdict == "no-missing-effect"
+    assert "one sample of delay, 39 more from valve" in found.base_words
+    model = found.before
+    assert model.structure.order_values()["nk"] == 1
+    again = type(model).from_json(model.to_json())
+    x0 = model.structure.fitted_state(model.theta, log.u, log.y, 0)
+    run = again.structure.simulate(again.theta, log.u, x0)[:, 0]
+    assert np.sqrt(np.mean((y - run)[400:] ** 2)) < 0.05
