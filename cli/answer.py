@@ -161,7 +161,7 @@ def _wrapped(text: str, most: int) -> list[str]:
 
         whole = filled(part) or [""]
         if len(whole) > most:
-            ends = [m.end() for m in re.finditer(r"[.;](?= )", part)]
+            ends = [m.end() for m in re.finditer(r"[.;](?= )", part) if not indent]
             cuts = [f"{part[:end]} …" for end in ends if end > most * width() // 2]
             fitting = [c for c in map(filled, cuts) if len(c) <= most]
             last = whole[most - 1]

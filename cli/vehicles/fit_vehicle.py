@@ -127,9 +127,10 @@ def fit_vehicle(
     records, findings = read_vehicle_logs(logs or [], read, steps)
     holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
-    label = "Fitting the vehicle"
-    with render.stages(label, known=motion != "dynamic") as show:
-        fitted = fit(records, holdout, given, motion, motors, lambda share: show(label, share))
+    with render.stages("Fitting the vehicle") as show:
+        show("Fitting the vehicle", 0.0)
+        fitted = fit(records, holdout, given, motion, motors)
+        show("Fitting each half", 1.0 / 3.0)  # two fits more, each judged by the other half
         judged = fitted.to_json()
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **judged}
     document["read_as"] = decided((*records, *holdout))

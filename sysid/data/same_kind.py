@@ -48,7 +48,7 @@ def difference(record: Record, other: Sampled, called: str, unstated_fits: bool 
     if abs(record.dt - other.dt) > SAME_CLOCK * other.dt:
         return (
             f"{record.name} is sampled every {record.dt:.4g} s, {called} every {other.dt:.4g} s; "
-            "resample the log"
+            "fit the logs together, which reads all at the coarsest step"
         )
     return ""
 

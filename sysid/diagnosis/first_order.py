@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import fit_baseline
-from sysid.diagnosis.policies import VERDICT
+from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.rules.outside_catalogue import stand_in, swings
 from sysid.diagnosis.search.forward_selection import Progress
-from sysid.diagnosis.session import SelectionResult
+from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import SysidError
 
@@ -23,13 +25,15 @@ def or_on_first_order(
 
     Play, friction, a fall that takes longer than a rise look like further poles, and a base with
     these poles leaves of them what no law explains. Those effects are compared that no rule speaks
-    against.
+    against; where no effect is found, the shapes. Their numbers (a gain, a time constant) say more
+    of a core of first order.
     """
     session, selection = result.session, result.selection
     if session.base.search.model.order == 1 or session.required_ratio() == 0.0:
         return result
     kept, _ = confirmed(session, selection)
-    if kept.selected and session.gap(kept).closed_percent >= VERDICT.nearly_all:
+    closed = session.gap(kept).closed_percent >= VERDICT.nearly_all
+    if kept.selected and closed and not session.far_above_noise(kept):
         return result
     try:
         base = fit_baseline(facts, holdout, chain_effects(), highest=1)
@@ -39,4 +43,18 @@ def or_on_first_order(
     found, _ = confirmed(first_order.session, first_order.selection)
     if found.selected and swings(session.base) and stand_in(first_order.session, found):
         return result  # what swings and is not explained is a spring, which no effect is
+    if not (found.selected or kept.selected):
+        left, other = (_left_by_shapes(r.session) for r in (first_order, result))
+        return first_order if left < RULE.as_good * other else result
     return first_order if first_order.session.explains_more(found, kept.final) else result
+
+
+def _left_by_shapes(session: DiagnosisSession) -> float:
+    """Held-out error that the best shapes leave, one of each output; infinite without one."""
+    tracks = range(session.base.search.model.tracks)
+    shapes = [s for s in session.shapes(session.base.model) if s.proven]
+    best = [
+        min((s.after.mean_squares()[1][0] for s in shapes if s.index == i), default=np.inf)
+        for i in tracks
+    ]
+    return float(np.sqrt(np.sum(best)))

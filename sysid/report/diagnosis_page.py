@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid.diagnosis.diagnosis import Diagnosis, NamedEffect
 from sysid.diagnosis.several.results import sentences, table_of_logs
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report import diagnosis_panels as panels
 from sysid.report import diagnosis_picture as picture
 from sysid.report import diagnosis_words as words
@@ -172,14 +173,14 @@ def _added(diagnosis: Diagnosis, before: str, after: str) -> Iterator[Section]:
         code=words.equations(diagnosis),
     )
     moved = tuple(
-        (m.name, _number(m.before, 5), _number(m.after, 5), _number(m.std_error, 2),
+        (m.name, _number(m.before, 5), _number(m.after, 5), _number(NORMAL * m.std_error, 2),
          words.steps_words(m.steps), m.unit)
         for m in words.moved(diagnosis)
     )  # fmt: skip
     if moved:
         yield Section(
             "Parameters of the base",
-            heads=("parameter", "before", "after", "± std. error", "moved by", "unit"),
+            heads=("parameter", "before", "after", "± 95 %", "moved by", "unit"),
             rows=moved,
             note="A parameter that moves by many standard errors had absorbed part of what was "
             "missing.",

@@ -17,6 +17,7 @@ from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.diagnosis.verdict import ASTRAY
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.estimation.assessment.figures import Figures
 
 CLEAR = 0.01
@@ -438,10 +439,10 @@ def region_sentence(region: Region) -> str:
 
 
 def relative(value: Value) -> str:
-    """The standard error in per cent of the value."""
+    """Half of the 95 % interval in per cent of the value."""
     if value.std_error is None or not value.value or not math.isfinite(value.std_error):
         return "–"
-    share = 100.0 * value.std_error / abs(value.value)
+    share = 100.0 * NORMAL * value.std_error / abs(value.value)
     return "> 100 %" if share > 100.0 else f"{share:.2g} %"
 
 

@@ -112,9 +112,9 @@ def _marked(estimate: Estimate) -> str:
 
 
 def _dead(r: StepResponse) -> str:
-    """The dead time, with its interval where it is estimated."""
+    """The dead time, with its interval where it is estimated; counted in whole samples else."""
     if not r.dead_error:
-        return f"{r.dead_time:.3g}"
+        return f"about {r.dead_time:.3g}"
     return with_interval(Estimate(r.dead_time, r.dead_error))
 
 

@@ -32,7 +32,10 @@ MARK = 24.0
 """Room of the mark that enlarges a panel [px]."""
 
 LETTER = 6.9
-"""Mean width of a letter of 11 px [px]."""
+"""Width of a letter of 11 px [px]: that of short names, which must have room beside each other."""
+
+MEAN = 6.3
+"""Mean width of a letter of 11 px in longer words [px]."""
 
 LEGEND = 14.0
 """Height of a row of names below a panel, where they have no room beside the axis' name [px]."""
@@ -180,7 +183,7 @@ def _frame(panel: Panel, across: _Axis, down: _Axis, left: float, height: float)
         for k, name in enumerate(panel.names):
             y = TOP + row * (k + 0.5)
             if above:
-                words = _cut(name, right - left)
+                words = _cut(name, (right - left) * LETTER / MEAN)
                 parts.append(_text(left + 3.0, y - 0.5 * row + 11.0, words, "start", "tick row"))
             else:
                 parts.append(_text(left - 5.0, y + 4.0, name, "end", "tick"))

@@ -7,6 +7,7 @@ import pytest
 import sysid_datasets
 from command_line import Capture, run
 from sysid_cli.answer import LINES, Answer
+from sysid_cli.render import column_widths
 
 LOGS = Path(sysid_datasets.__file__).parent / "devastator"
 NAMES = ("forward_back", "multilevel", "multisine", "prbs", "rotation")
@@ -105,3 +106,19 @@ def test_a_long_name_leaves_the_figures_whole(
     out = capsys.readouterr().out
     assert "…" not in out
     assert all(f in out for f in ("29.18 ± 0.43", "1.598 ± 0.081", "0.821 ± 0.055"))
+
+
+@pytest.mark.parametrize("room", [33, 30, 26, 22])
+def test_a_table_wraps_words_and_breaks_no_number(room: int) -> None:
+    rows = [["constant", "value", "meaning"], ["Kem", "8.6479e-05", "inductance of the winding"]]
+    name, value, words = column_widths(rows, room)
+    assert name + value + words == room
+    assert value == len("8.6479e-05")
+    assert room < 28 or (name, words) >= (len("constant"), len("inductance"))
+
+
+def test_a_long_sentence_ends_behind_a_part_of_it(capsys: Capture) -> None:
+    answer = Answer()
+    answer.say(f"{'one two three ' * 8}four; {'five six ' * 9}seven", most=2)
+    answer.print()
+    assert capsys.readouterr().out.endswith("three four; …\n")

@@ -196,7 +196,6 @@ CASES = (
     _fit(f"{ARX} --split nan", "--split"),
     _fit(f"{ARX} --split half", "--split"),
     _fit(f"{ARX} --split 0.7 --val {{other.csv}}", "--val"),
-    _fit(f"{ARX} --val {{slow.csv}}", "slow.csv", 1),
     _fit(f"{ARX} --val {{one.csv}}", "one.csv", 1),
     _fit(f"{ARX} --val {{missing.csv}}", "missing.csv"),
     _fit(f"{ARX} --focus both", "'both'"),

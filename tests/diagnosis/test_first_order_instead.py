@@ -23,6 +23,7 @@ def outcome(
     named: tuple[str, ...] = (),
     doubtful: bool = True,
     unexplained: bool = True,
+    closed: float = 95.0,
 ) -> Any:
     base = SimpleNamespace(
         search=SimpleNamespace(model=SimpleNamespace(order=order, effects=())),
@@ -31,7 +32,8 @@ def outcome(
     study = SimpleNamespace(
         base=base,
         required_ratio=lambda: 0.9 if doubtful else 0.0,
-        gap=lambda naming: SimpleNamespace(closed_percent=50.0 if unexplained else 95.0),
+        far_above_noise=lambda naming: unexplained,
+        gap=lambda naming: SimpleNamespace(closed_percent=closed),
     )
     return SimpleNamespace(session=study, selection=SimpleNamespace(selected=named, final=None))
 
@@ -52,12 +54,13 @@ def better(more: bool) -> Any:
         (outcome(3), None, False),
         (outcome(3, ("dead-zone",)), better(True), True),
         (outcome(3, ("dead-zone",), unexplained=False), better(True), False),
+        (outcome(3, ("dead-zone",), unexplained=False, closed=50.0), better(True), True),
         (outcome(3, doubtful=False), better(True), False),
         (outcome(1), better(True), False),
     ],
     ids=[
         *("explains-more", "explains-less", "nothing-found", "part-explained"),
-        *("all-explained", "nothing-missing", "first-order-already"),
+        *("all-explained", "half-explained", "nothing-missing", "first-order-already"),
     ],
 )
 def test_first_order_is_taken_where_it_explains_more(

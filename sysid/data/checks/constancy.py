@@ -182,9 +182,9 @@ def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
 
 
 def regions_differ(records: Sequence[Record], at: float) -> bool:
-    """Whether the inputs visit other regions before and after a time [s] (NaN: either half)."""
+    """Whether the inputs visit other regions before and after a time [s]."""
     u, t = np.concatenate([r.u for r in records]), np.concatenate([r.t for r in records])
-    early = t < (at if np.isfinite(at) else float(np.median(t)))
+    early = t < at
     if early.all() or not early.any():
         return False
     one, two = (u[rows] for rows in (early, ~early))

@@ -32,6 +32,9 @@ from sysid.errors import Columns
 _INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*", re.I)
 _OUTPUT = re.compile(r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*", re.I)
 
+HELD = 0.3
+"""Share of rows up to which what changes in them is held between."""
+
 
 @dataclass(frozen=True)
 class Roles:
@@ -88,9 +91,9 @@ def roles(
     found = narrower if narrower.inputs and narrower.outputs else found
     if {*found.inputs} != {*found.outputs}:
         return found
-    moves = {n: np.count_nonzero(np.diff(c[np.isfinite(c)])) for n, c in columns.items()}
-    held_first = sorted(found.inputs, key=lambda f: sum(moves[n] for n in f))  # as a command is
-    return Roles(tuple(held_first), found.outputs)
+    resting = {n for n, c in columns.items() if np.mean(np.diff(c[np.isfinite(c)]) != 0.0) < HELD}
+    held = tuple(sorted(found.inputs, key=lambda f: not resting.issuperset(f)))  # as commands are
+    return Roles(held, held)
 
 
 def _of(

@@ -6,7 +6,7 @@ would be without any log, as loosely as one knows it then, so a parameter that t
 determine keeps the uncertainty it had. Optional terms come one at a time while the log shows them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,18 +83,12 @@ class _SlipProblem(Problem):
         return slopes(self.residual, p, steps, LOWER)
 
 
-def fit_slip(
-    parts: Sequence[Part],
-    start: Geometry,
-    terms: Sequence[str] | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> SlipFit:
+def fit_slip(parts: Sequence[Part], start: Geometry, terms: Sequence[str] | None = None) -> SlipFit:
     """The numbers that bring the predicted increments next to the measured ones.
 
     Args:
         start: lengths near those of the vehicle as it turns.
         terms: optional terms to free; None to find out which.
-        progress: called with the share of the optional terms that are decided.
     """
     parts = tuple(parts)
     always = tuple(k for k, t in enumerate(TERMS) if not t.optional)
@@ -114,9 +108,6 @@ def fit_slip(
         needless = {k for k in more.free if TERMS[k].optional and away[k] < MAYBE}
         dropped |= needless
         kept = tuple(k for k in more.free if k not in needless)
-        if progress is not None:
-            settled = len({*kept, *dropped}) - len(always)
-            progress(settled / (len(TERMS) - len(always)))
         fit = _settled(replace(problem, free=kept), more.q) if needless else more
 
 

@@ -5,7 +5,7 @@ everything that is judged here (held-out errors, halves that judge each other, d
 its predictions.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -278,7 +278,6 @@ def fit_vehicle(
     geometry: Geometry | None = None,
     motion: str = "slip",
     motors: KnownMotors | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> VehicleFit:
     """Fit a vehicle to logs, validated on held-out windows of two seconds.
 
@@ -288,7 +287,6 @@ def fit_vehicle(
         holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
-        progress: called with the share that is over, where that can be known.
 
     Raises:
         DataError: pose or speeds are missing, or there are too few windows; commands are missing.
@@ -315,7 +313,7 @@ def fit_vehicle(
         every = (*records, *holdout)
         model = fit_weighed(first, start, every, trajectories, known, motors)
     else:
-        model = fit_slip(first, start, progress=progress)
+        model = fit_slip(first, start)
     parts = tuple(first), tuple(second)
     return VehicleFit(motion, trajectories, *parts, known, geometry, lengths, model)
 
