@@ -67,7 +67,7 @@ def fit(
     they converge, and Ctrl-C stores the model.
 
     Without --structure arx, armax, oe and bj (process on few samples, ss on several outputs) are
-    fitted with a small order search. The best in free run on held-out estimation data comes first.
+    fitted. The best in free run on held-out estimation data comes first.
     """
     if is_response(logs):
         names, own = fit_options.names(structures), options.structure_options or {}

@@ -20,8 +20,7 @@ _judging_more = in_panel("Judging", advanced=True)
 
 STRUCTURES = fitting_option(
     "NAME",
-    "Structures, e.g. oe,narmax, or a file of equations my.ode.yaml [arx, armax, oe, bj; "
-    "with few samples process, several outputs ss].",
+    "Structures, e.g. oe,narmax, or a file of equations my.ode.yaml [by the data].",
     "-s",
     "--structure",
 )
