@@ -66,8 +66,8 @@ def fit(
     With --follow the log is still being written: gain, time constant and dead zone are shown as
     they converge, and Ctrl-C stores the model.
 
-    Without --structure every linear structure is fitted with a small order search. The best in free
-    run on held-out estimation data comes first.
+    Without --structure arx, armax, oe and bj (process on few samples, ss on several outputs) are
+    fitted. The best in free run on held-out estimation data comes first.
     """
     if is_response(logs):
         names, own = fit_options.names(structures), options.structure_options or {}

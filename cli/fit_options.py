@@ -20,7 +20,7 @@ _judging_more = in_panel("Judging", advanced=True)
 
 STRUCTURES = fitting_option(
     "NAME",
-    "Structures, e.g. oe,narmax, or a file of equations my.ode.yaml [the four linear ones].",
+    "Structures, e.g. oe,narmax, or a file of equations my.ode.yaml [by the data].",
     "-s",
     "--structure",
 )

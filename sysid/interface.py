@@ -170,7 +170,7 @@ def identify(
     Args:
         records: estimation data.
         validation: never used to choose, only to judge.
-        structures: names; empty for the four linear ones.
+        structures: names; empty for the default ones (``usual_orders`` adds by the data).
         orders: text, ranges such as ``"na=1:4 nb=1:4 nk=1"`` too; None to search.
         criterion: what ranks: fit, aic, bic …
         split: share of each record to fit on; the rest judges.

@@ -38,7 +38,7 @@ class Request:
     """What is to be identified and how.
 
     Attributes:
-        structures: names; empty for the four linear ones.
+        structures: names; empty for the default ones (``usual_orders`` adds by the data).
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
         detrend: what is done about levels, one of ``offsets.choice.POLICIES``.
         criterion: what ranks orders and structures.

@@ -181,3 +181,19 @@ def test_a_profile_is_open_where_a_bound_comes_first() -> None:
     low, high = profile(asked(held, log)[0], log, "gain", 0.01)
     assert low is None
     assert high is not None
+
+
+@pytest.mark.parametrize(("below", "shown"), [(0.3, False), (30.0, True)])
+def test_a_limit_that_the_run_just_touches_may_lie_anywhere_beyond(
+    below: float, shown: bool
+) -> None:
+    """Slopes know the limit at which the top of a run is cut, wherever noise has put it."""
+    u = steps(300, 3)
+    peak = float(np.max(box(LAG).simulate(np.array([2.0, 0.5]), u)))
+    text = LAG.replace("tau: {start", f"top: {{start: {peak - below * SIGMA}}}, tau: {{start")
+    limited = box(text.replace("y: {equation: x}", 'y: {equation: "min(x, top)"}'))
+    y = limited.simulate(limited.physics.pack({}), u)
+    record = Record(u, y + SIGMA * np.random.default_rng(4).standard_normal(y.shape), 0.1)
+    found = sensitivity(subject_of_box(limited, LogFacts((record,))), (record,))
+    verdicts = {p.name: p.verdict for p in found.parameters}
+    assert verdicts == {"gain": "shown", "tau": "shown", "top": "shown" if shown else "not shown"}

@@ -6,6 +6,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.estimation.identify import Request, identify
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
@@ -115,3 +116,11 @@ def test_what_it_cannot_do_is_refused() -> None:
         fit(arx, [log(0)], SRIV, detrend="none")
     with pytest.raises(UsageError, match="no `robust`"):
         fit(OUTPUT_ERROR, [log(0)], FitOptions(method="sriv", robust=True), detrend="none")  # type: ignore[arg-type]
+
+
+def test_rounds_that_do_not_settle_are_said_with_what_helps() -> None:
+    options = FitOptions(method="sriv", max_evaluations=3)  # type: ignore[arg-type]
+    asked = Request(("oe",), orders="nb=4 nf=4 nk=1", options=options)
+    (found,) = identify([log(0)], (), asked).assessments
+    assert [w for w in found.warnings if "did not settle" in w and "omit `method`" in w]
+    assert not any("Stopped at the iteration limit" in w for w in found.warnings)

@@ -12,6 +12,7 @@ from sysid.estimation.assessment.figures import Figures
 from sysid.estimation.information.experiments import with_mending
 from sysid.estimation.information.subject import subject_of_model
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
+from sysid.fitting.marquardt import Method
 from sysid.structures import motion
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.structure import GreyBox
@@ -29,6 +30,11 @@ WORSE = 1.05
 
 CANCELLING = 0.02
 """Distance below which a pole and a zero cancel for all practical purposes."""
+
+UNSETTLED = (
+    "Refined instrumental variables did not settle within the iteration limit, as with more orders "
+    "than the log shows: lower the orders, or omit `method`."
+)
 
 MAX_SENTENCES = 12
 
@@ -81,7 +87,8 @@ def _not_usable(free_run: Figures, validation: Figures | None) -> list[str]:
 def _ending(model: Model, residuals: ResidualReport) -> list[str]:
     sentences = []
     if model.termination is Termination.MAX_ITERATIONS:
-        sentences.append(model.termination.value)
+        by_instruments = model.provenance.options.get("method") == Method.SRIV.value
+        sentences.append(UNSETTLED if by_instruments else model.termination.value)
     tested = {t.output: t for t in residuals.fixed}
     for name in model.at_bound:
         test = tested.pop(name, None)

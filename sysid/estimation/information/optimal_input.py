@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sysid.data.record import Array
-from sysid.estimation.information.sensitivity import information
+from sysid.estimation.information.sensitivity import information, straight
 from sysid.estimation.information.subject import Subject
 
 KEPT = 6
@@ -181,7 +181,8 @@ def optimal_input(
     best = max((family[0] for family in kept), key=lambda c: c[0])[1]
     u = low + best.values() * (high - low)
     (slopes,) = subject.slopes([u], [subject.rest()])
-    errors = information([slopes], len(subject.names)).errors
+    found = information([slopes], len(subject.names))
+    errors = np.where(straight(subject, [u], [subject.rest()], found), found.errors, np.inf)
     return OptimalInput(u, errors, best.words, tuple(course))
 
 

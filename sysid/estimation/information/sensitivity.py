@@ -8,15 +8,18 @@ on all others; 1/‖r‖² is its variance, and r² says at which instants it co
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.estimation.information.subject import Subject
+from sysid.fitting.profile import LEVEL
 from sysid.fitting.uncertainty import half_and_null, with_infinite
+from sysid.structures.grey_box.structure import GreyBox
 
 DOUBTFUL = 0.5
 """Relative standard error beyond which a parameter is doubtful: its 95 % interval holds zero."""
@@ -26,6 +29,10 @@ MOST = 0.8
 
 LINKED = 0.95
 """Correlation beyond which two estimates are named as a pair."""
+
+ASIDE = 3.0
+"""Standard errors to a side at which runs are tried: by slopes they differ by nine or
+more there, and must by ``LEVEL``, the end of a 95 % interval."""
 
 TAKES_PART = 0.05
 """Weight from which a parameter is named as one of a direction without information."""
@@ -195,7 +202,7 @@ def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
     names, n = subject.names, len(subject.names)
     slopes = subject.slopes(u, states)
     found = information(slopes, n)
-    errors = found.errors
+    errors = np.where(straight(subject, u, states, found), found.errors, np.inf)
     size = np.where(np.isfinite(errors) & (errors > 0.0), errors, np.inf)
     correlation = np.nan_to_num(found.covariance, posinf=0.0) / np.outer(size, size)
     ny = len(subject.outputs)
@@ -229,6 +236,29 @@ def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
         records[0].t,
         np.cumsum(power[0], axis=0) / total,
     )
+
+
+def straight(
+    subject: Subject, u: Sequence[Array], states: Sequence[Array], found: Information
+) -> NDArray[np.bool_]:
+    """By parameter, whether runs change to both sides about as slopes say; beyond a kink, such as a
+    limit that the run just touches, they do not: the parameter may be anything there."""
+    good, errors = np.ones(len(subject.free), dtype=bool), found.errors
+    if not isinstance(subject.structure, GreyBox):
+        return good  # of linear ones runs have no kinks
+    at = subject.runs(u, states)
+    for k in np.flatnonzero(np.isfinite(errors) & (errors > 0.0)):
+        for side in (-ASIDE, ASIDE):
+            theta, i = subject.theta.copy(), int(subject.free[k])
+            theta[i] += side * errors[k]
+            if not subject.parameters[i].lower < theta[i] < subject.parameters[i].upper:
+                continue
+            with np.errstate(all="ignore"):
+                moved = replace(subject, theta=theta).runs(u, states)
+                pairs = zip(moved, at, strict=True)
+                far = sum(float(np.sum(((y - x) / subject.noise) ** 2)) for y, x in pairs)
+            good[k] &= not far < LEVEL
+    return good
 
 
 def _when(power: Array, record: Record) -> tuple[float, float] | None:
