@@ -22,6 +22,9 @@ MOST_SHARE = 0.05
 ALONE = -1
 """For an input: the other signal acts by itself."""
 
+COMMANDED = 0.5
+"""Share of a column's power from which the inputs command it."""
+
 IN_PROPORTION = 0.2
 """Share of its effect that an input has left where the other signal is zero: below, it is in
 proportion to it."""
@@ -70,8 +73,21 @@ def with_another(track: Track) -> Terms | None:
 
 
 def with_unused(track: Track) -> Terms | None:
-    """The same with a column that is not used, which may also act by itself: G(q) c."""
-    return _with(track, track.unused, acts=True)
+    """The same with a column that is not used, which may also act by itself: G(q) c.
+
+    Only those that go their own way: what the inputs command, an acceleration for instance, is
+    rather a consequence.
+    """
+    commanded = np.column_stack([track.inputs, track.through(track.inputs)])
+    commanded -= commanded.mean(axis=0)
+    own = [c for c in track.unused if _share_of(c.values - c.values.mean(), commanded) < COMMANDED]
+    return _with(track, own, acts=True)
+
+
+def _share_of(signal: Array, columns: Array) -> float:
+    """Share of a signal's power that columns predict."""
+    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
+    return 1.0 - float(left @ left) / max(float(signal @ signal), 1e-300)
 
 
 def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms | None:
