@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, ClassVar, Self
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
 from sysid.structures.traits import Traits
@@ -126,11 +126,6 @@ class NamedStructure(Structure):
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
         """Orders worth trying on a log when the user gives none, the smallest first."""
-        return ()
-
-    @classmethod
-    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
-        """Orders to try on such records beside the default structures where none is named."""
         return ()
 
     @classmethod

@@ -91,7 +91,8 @@ def roles(
     found = narrower if narrower.inputs and narrower.outputs else found
     if {*found.inputs} != {*found.outputs}:
         return found
-    resting = {n for n, c in columns.items() if np.mean(np.diff(c[np.isfinite(c)]) != 0.0) < HELD}
+    steps = {n: np.diff(c[np.isfinite(c)]) for n, c in columns.items()}
+    resting = {n for n, d in steps.items() if np.count_nonzero(d) < HELD * len(d)}
     held = tuple(sorted(found.inputs, key=lambda f: not resting.issuperset(f)))  # as commands are
     return Roles(held, held)
 

@@ -24,6 +24,12 @@ FEW = 100
 """Samples below which it is tried unasked: there its few numbers err less (decision 0040)."""
 
 
+def _unasked(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+    """One and two time constants, where samples are few."""
+    few = records[0].ny == 1 and sum(map(len, records)) < FEW
+    return ({"np": 1}, {"np": 2}) if few else ()
+
+
 @dataclass(frozen=True)
 class Process(ContinuousStructure):
     """G(s) = K (1 + Tz s) e^{−Td s} / (s^ni Π (1 + T_k s)), or with 1 + 2 ζ Tw s + (Tw s)² for two.
@@ -56,6 +62,7 @@ class Process(ContinuousStructure):
         tells="gain, time constants, damping and dead time with their errors",
         search_cost=4.0,
         by_default=False,
+        unasked=_unasked,
     )
 
     @classmethod
@@ -92,12 +99,6 @@ class Process(ContinuousStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         kinds = ("P1D", "P2D", "P2DZ", "P2DU", "P2DUZ", "P3D", "P1DI")
         return tuple({k: v for k, v in _of_type(kind)[0].items() if v} for kind in kinds)
-
-    @classmethod
-    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
-        """One and two time constants, where samples are few."""
-        few = records[0].ny == 1 and sum(map(len, records)) < FEW
-        return ({"np": 1}, {"np": 2}) if few else ()
 
     @classmethod
     def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:

@@ -27,6 +27,27 @@ AN_OUTPUT = 3
 """States an output at most where nobody asked for any: a fit of more takes too long for that."""
 
 
+def _unasked(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+    """Of several outputs, the order that singular values show: least N σ²ₙ₊₁ + d(n) ln N.
+
+    N σ² stands as −N ln(1 − ρ²) of canonical correlations ρ of past and future, d(n) is the count
+    of numbers (Bauer 2001, Automatica 37, 1561).
+    """
+    nu, ny = records[0].nu, records[0].ny
+    tried = StateSpace.candidate_orders(nu, ny, sum(map(len, records)), 1)
+    if ny == 1 or not tried:
+        return ()
+    plain = Detrend.means(records).remove
+    most = min(tried[-1]["n"], AN_OUTPUT * ny)
+    looked = StateSpace((), nu, ny, most, 1).looked_at([plain(r) for r in records])
+    if looked is None:
+        return ()
+    samples = sum(map(len, looked.errors))
+    left = samples * np.log1p(np.append(looked.singular, 0.0) ** 2)
+    each = np.log(samples) * (nu + 2 * ny)
+    return ({"n": min(range(ny, most + 1), key=lambda n: left[n] + n * each)},)
+
+
 @dataclass(frozen=True)
 class StateSpace(RealizedStructure):
     """x(t+1) = A x + B u + K e, y = C x + D u + e in observable canonical form.
@@ -56,6 +77,7 @@ class StateSpace(RealizedStructure):
         has_noise_model=True,
         search_cost=4.0,
         by_default=False,
+        unasked=_unasked,
     )
 
     @classmethod
@@ -87,27 +109,6 @@ class StateSpace(RealizedStructure):
         """One state an output, and up to four more an output."""
         most = min(4 * ny + 2, 10, max(ny, samples // (20 * (nu + ny))))
         return tuple({"n": n} for n in range(ny, most + 1))
-
-    @classmethod
-    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
-        """Of several outputs, the order that singular values show: least N σ²ₙ₊₁ + d(n) ln N.
-
-        N σ² stands as −N ln(1 − ρ²) of canonical correlations ρ of past and future, d(n) is the
-        count of numbers (Bauer 2001, Automatica 37, 1561).
-        """
-        nu, ny = records[0].nu, records[0].ny
-        tried = cls.candidate_orders(nu, ny, sum(map(len, records)), 1)
-        if ny == 1 or not tried:
-            return ()
-        plain = Detrend.means(records).remove
-        most = min(tried[-1]["n"], AN_OUTPUT * ny)
-        looked = cls((), nu, ny, most, 1).looked_at([plain(r) for r in records])
-        if looked is None:
-            return ()
-        samples = sum(map(len, looked.errors))
-        left = samples * np.log1p(np.append(looked.singular, 0.0) ** 2)
-        each = np.log(samples) * (nu + 2 * ny)
-        return ({"n": min(range(ny, most + 1), key=lambda n: left[n] + n * each)},)
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:

@@ -158,7 +158,8 @@ def test_the_page_on_control_drives(
     """The mission and the command that docs/control.md shows, on a plant from a log."""
     page = (Path(__file__).parents[3] / "docs" / "control.md").read_text(encoding="utf-8")
     shown = re.findall(r"```(yaml|console)\n(.*?)```", page, flags=re.DOTALL)
-    (_, mission), (_, command), *_ = shown
+    mission = next(text for kind, text in shown if kind == "yaml")
+    command = next(text for kind, text in shown if kind == "console" and " --control " in text)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mission.yaml").write_text(mission)
     robot_log(tmp_path / "log.csv", noise=0.01)
