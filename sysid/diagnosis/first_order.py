@@ -50,11 +50,10 @@ def or_on_first_order(
 
 
 def _left_by_shapes(session: DiagnosisSession) -> float:
-    """Held-out error that the best shapes leave, one of each output; infinite without one."""
-    tracks = range(session.base.search.model.tracks)
-    shapes = [s for s in session.shapes(session.base.model) if s.proven]
-    best = [
-        min((s.after.mean_squares()[1][0] for s in shapes if s.index == i), default=np.inf)
-        for i in tracks
-    ]
-    return float(np.sqrt(np.sum(best)))
+    """Held-out error of a base, or what the best shape of each output leaves of it."""
+    base = session.base.model
+    left = base.errors.mean_squares()[1].copy()
+    for s in session.shapes(base):
+        if s.proven and not s.follows_anything:
+            left[s.index] = min(left[s.index], s.after.mean_squares()[1][0])
+    return float(np.sqrt(np.sum(left)))
