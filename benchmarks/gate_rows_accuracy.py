@@ -12,11 +12,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import sysid_datasets
 from gate_judging import Skip, Value
+from scipy.signal import lfilter
 from sysid_datasets.hidden_logs import Request, hide
 
 import sysid
+from sysid.data.record import Array, Channel, Record
 from sysid.estimation.assessment.figures import figures
 
 Records = tuple[sysid.Record, ...]
@@ -181,10 +184,45 @@ def names_behind(hidden: str) -> Value:
     return tuple(sorted(effect.id for effect in sysid.diagnose(*behind).effects))
 
 
+def _held(rng: np.random.Generator, n: int, least: int, most: int) -> Array:
+    """Random levels of −1 … 1, each held for a random number of rows, (n,)."""
+    counts = rng.integers(least, most, n // least)
+    return np.repeat(rng.uniform(-1.0, 1.0, len(counts)), counts)[:n]
+
+
+def fan(seconds: float) -> Value:
+    """Effects named in a log of a fan that is off below 25 % and feels drag by the square, whatever
+    unit its clock counts in."""
+    rng = np.random.default_rng(19)
+    duty, speed, y = np.rint(56.0 + 44.0 * _held(rng, 2400, 20, 90)), 0.0, np.zeros(2400)
+    for k, u in enumerate(duty):
+        y[k] = speed
+        for _ in range(10):
+            push = 14.0 * u if u >= 25.0 else 0.0
+            speed = max(0.0, speed + 0.025 * (push - 2.4e-4 * speed**2 - 0.12 * speed))
+    y = np.rint(np.maximum(y + rng.normal(0.0, 5.0, 2400), 0.0))
+    log = Record(duty, y, seconds, (Channel("duty", "%"),), (Channel("speed", "rad/s"),))
+    return tuple(sorted(effect.id for effect in sysid.diagnose(log).effects))
+
+
+def car() -> Value:
+    """The shape of a car that turns by its steering times its speed."""
+    rng = np.random.default_rng(4)
+    steering, throttle = _held(rng, 3000, 20, 80), 0.55 + 0.4 * _held(rng, 3000, 60, 150)
+    lags = [lfilter([0.0, 1.0 - p], [1.0, -p], u) for p, u in ((0.97, throttle), (0.8, steering))]
+    yaw = 2.0 * lags[0] * lags[1] + rng.normal(0.0, 0.01, 3000)
+    channels = tuple(Channel(name) for name in ("steering", "throttle"))
+    log = Record(np.column_stack([steering, throttle]), yaw, 0.02, channels, (Channel("yaw"),))
+    return tuple(shape.id for shape in sysid.diagnose(log).shapes)
+
+
 ROWS: Mapping[str, Callable[[], Value]] = {
     **{f"{n}/{s}": partial(measured, n, s) for n, x in MEASURED.items() for s in x.structures},
     **{f"{n}/{s}": partial(bundled, n, s) for n, each in BUNDLED.items() for s in each},
     **{f"names/{hidden}": partial(names, hidden) for hidden in HIDDEN},
     "names/friction-behind": partial(names_behind, "friction"),
+    "names/fan": partial(fan, 0.25),
+    "names/fan-in-minutes": partial(fan, 0.25 / 60.0),
+    "shapes/car": car,
 }
 """Name → what computes it."""
