@@ -29,7 +29,7 @@ class Traits:
         chooses_products: whether a fit chooses among products of past signals.
         takes_inputs: whether it is driven by inputs, not modelling a signal from its own past.
         by_default: whether it is fitted where the user names no structure.
-        unasked: orders to try on records beside those structures; None for none.
+        default_orders: orders to try on records beside those structures; None for none.
         search_cost: rough cost of fitting one candidate order, against others: the longest
             searches go first.
         solved_at_once: whether all candidate orders share one pass of linear algebra, so that none
@@ -51,6 +51,6 @@ class Traits:
     chooses_products: bool = False
     takes_inputs: bool = True
     by_default: bool = False
-    unasked: Callable[[Sequence[Record]], tuple[Mapping[str, Any], ...]] | None = None
+    default_orders: Callable[[Sequence[Record]], tuple[Mapping[str, Any], ...]] | None = None
     search_cost: float = 1.0
     solved_at_once: bool = False

@@ -121,9 +121,7 @@ def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShap
     numbers counted: either may be what happened."""
     found = _found(best)
     drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
-    if drift is not None and best.score > SHAPES.clearly_more * drift.score:
-        return found
-    if drift is None or best.shape.in_time:
+    if drift is None or best.shape.in_time or best.score > SHAPES.clearly_more * drift.score:
         return found
     sentence = (
         f"{found.sentence}; or {drift.says()[0]}: {best.track.command.name} moves only "

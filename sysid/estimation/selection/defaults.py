@@ -27,7 +27,7 @@ def usual_orders(records: Sequence[Record], options: FitOptions) -> Mapping[str,
     """
     if options.structure_options or options.fixed or options.bounds or not records[0].nu:
         return {}
-    ways = {n: c.traits.unasked for n, c in structure_classes().items()}
+    ways = {n: c.traits.default_orders for n, c in structure_classes().items()}
     every = {n: way(records) for n, way in ways.items() if way is not None}
     return {n: orders for n, orders in every.items() if orders}
 

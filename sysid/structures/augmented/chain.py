@@ -74,7 +74,7 @@ def share_before(u: Array, y: Array) -> Array:
         y: measurements, (N, outputs), one output or one for each input.
     """
     stays = np.cumprod(u == u[0], axis=0).sum(axis=0)
-    ends = np.array([np.nanmedian(y[max(n - LAST, 0) : n], axis=0) for n in stays])
+    ends = np.array([np.median(y[max(n - LAST, 0) : n], axis=0) for n in stays])
     settled = np.diagonal(ends) if y.shape[1] == u.shape[1] else ends[:, 0]
     moves = np.abs(settled - y[0]) > STANDING * np.max(np.abs(y), axis=0)
     share = np.where(moves, y[0] / np.where(moves, settled, 1.0), 1.0)

@@ -21,10 +21,10 @@ SHORTEST = 1e-9
 """Least time constant [s]."""
 
 FEW = 100
-"""Samples below which it is tried unasked: there its few numbers err less (decision 0040)."""
+"""Samples below which it is tried by default: there its few numbers err less (decision 0040)."""
 
 
-def _unasked(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+def _default_orders(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
     """One and two time constants, where samples are few."""
     few = records[0].ny == 1 and sum(map(len, records)) < FEW
     return ({"np": 1}, {"np": 2}) if few else ()
@@ -62,7 +62,7 @@ class Process(ContinuousStructure):
         tells="gain, time constants, damping and dead time with their errors",
         search_cost=4.0,
         by_default=False,
-        unasked=_unasked,
+        default_orders=_default_orders,
     )
 
     @classmethod

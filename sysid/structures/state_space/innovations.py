@@ -27,7 +27,7 @@ AN_OUTPUT = 3
 """States an output at most where nobody asked for any: a fit of more takes too long for that."""
 
 
-def _unasked(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+def _default_orders(records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
     """Of several outputs, the order that singular values show: least N σ²ₙ₊₁ + d(n) ln N.
 
     N σ² stands as −N ln(1 − ρ²) of canonical correlations ρ of past and future, d(n) is the count
@@ -77,7 +77,7 @@ class StateSpace(RealizedStructure):
         has_noise_model=True,
         search_cost=4.0,
         by_default=False,
-        unasked=_unasked,
+        default_orders=_default_orders,
     )
 
     @classmethod
