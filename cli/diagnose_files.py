@@ -43,9 +43,6 @@ def write_results(
     Args:
         before, after: ids of the models in the workspace.
         read_as: what was decided when the logs were read.
-
-    Raises:
-        UsageError, DataError: the folder cannot be written.
     """
     from sysid.data.files import write_atomic
     from sysid.report.diagnosis_page import diagnosis_page

@@ -181,12 +181,7 @@ def without_feedback(facts: LogFacts) -> LogFacts | None:
 
 
 def as_asked(facts: LogFacts, method: Method) -> LogFacts:
-    """Facts of the records with û for u, by the method that was asked for.
-
-    Raises:
-        UsageError: the log holds no reference, from which two stages begin.
-        DataError: the inputs follow too little from what was to explain them.
-    """
+    """Facts of the records with û for u, by the method that was asked for."""
     way = method.value
     if method is Method.TWO_STAGE and any(r.references is None for r in facts.records):
         raise UsageError(

@@ -109,9 +109,6 @@ def figures(
             none and is judged one step ahead.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
-
-    Raises:
-        UsageError: ``skip`` leaves nothing of any record.
     """
     require_samples(records, skip)
     if not model.inputs and horizon is None:
@@ -139,11 +136,7 @@ def figures(
 
 
 def require_samples(records: Sequence[Record], skip: int) -> None:
-    """Refuse to skip every sample there is.
-
-    Raises:
-        UsageError: ``skip`` leaves nothing of any record.
-    """
+    """Refuse to skip every sample there is."""
     longest = max(records, key=len)
     if skip >= len(longest):
         raise UsageError(

@@ -88,11 +88,7 @@ class Subject:
 
 
 def subject_of_model(model: Model) -> Subject:
-    """A fitted model as it is.
-
-    Raises:
-        UsageError: it has no input.
-    """
+    """A fitted model as it is."""
     if not model.inputs:
         raise UsageError("a model without inputs has no experiment to ask about")
     n, offsets = len(model.inputs), model.detrend
