@@ -19,6 +19,9 @@ LONGEST = 5.0
 MOST_SHARE = 0.05
 """… and up to this share of the log."""
 
+CLEAR = 0.05
+"""A signal keeps clear of zero by this share of its largest value."""
+
 ALONE = -1
 """For an input: the other signal acts by itself."""
 
@@ -68,8 +71,17 @@ def later(track: Track) -> Terms | None:
 
 
 def with_another(track: Track) -> Terms | None:
-    """G(q) K d_i c: the effect of an input goes with another signal, lagged or not; scanned."""
-    return _with(track, track.others)
+    """G(q) K d_i c or G(q) K d_i/c: the effect of an input goes with another signal or, as what
+    heats or feeds a stream goes with the flow, with its reciprocal; lagged or not; scanned."""
+    over = [(f"1/{s.name}", r) for s in track.others if (r := _reciprocal(s))]
+    return _with(track, [*((s.name, s) for s in track.others), *over])
+
+
+def _reciprocal(signal: Signal) -> Signal | None:
+    """One over a signal that keeps clear of zero."""
+    least, most = float(np.min(signal.values)), float(np.max(signal.values))
+    clear = min(abs(least), abs(most)) > CLEAR * max(abs(least), abs(most))
+    return Signal(signal.name, 1.0 / signal.values) if least * most > 0.0 and clear else None
 
 
 def with_unused(track: Track) -> Terms | None:
@@ -81,7 +93,7 @@ def with_unused(track: Track) -> Terms | None:
     commanded = np.column_stack([track.inputs, track.through(track.inputs)])
     commanded -= commanded.mean(axis=0)
     own = [c for c in track.unused if _share_of(c.values - c.values.mean(), commanded) < COMMANDED]
-    return _with(track, own, acts=True)
+    return _with(track, [(c.name, c) for c in own], acts=True)
 
 
 def _share_of(signal: Array, columns: Array) -> float:
@@ -90,11 +102,11 @@ def _share_of(signal: Array, columns: Array) -> float:
     return 1.0 - float(left @ left) / max(float(signal @ signal), 1e-300)
 
 
-def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms | None:
+def _with(track: Track, others: Sequence[tuple[str, Signal]], acts: bool = False) -> Terms | None:
     own = track.inputs.shape[1] if track.adds_inputs else 1
     ways: list[tuple[int, str]] = []
     columns = []
-    for name, signal in others:
+    for words, (name, signal) in others:
         size = float(np.max(np.abs(signal), initial=0.0))
         if size == 0.0:
             continue
@@ -102,7 +114,7 @@ def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms |
         for i in (*range(own), *([ALONE] if acts else [])):
             if i != ALONE and track.channels[i].name == name:
                 continue
-            ways += [(i, name)] * len(late)
+            ways += [(i, words)] * len(late)
             drive = 1.0 if i == ALONE else track.inputs[:, i]
             columns += [drive * c / size for c in late]
     if not ways:
