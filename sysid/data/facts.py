@@ -240,9 +240,6 @@ def without_drift(record: Record) -> Record:
     """The record less the slow drift of its outputs about their means (see ``processes``).
 
     A log longer than ``SAMPLES`` is looked at in means of a few samples.
-
-    Raises:
-        DataError: no process shows how an output follows its inputs.
     """
     every = -(-len(record) // SAMPLES)
     n = len(record) // every
