@@ -107,6 +107,7 @@ def _report(model: "Model", result: "Diagnosis") -> dict[str, Any]:
     return {
         "estimation": figures("estimation") or figures("held-out"),
         "validation": figures("held-out"),
+        "residuals": result.tests.as_dict() if model is result.after and result.tests else None,
         "criteria": dict(model.criteria),
         "seconds": result.seconds,
         "warnings": list(model.warnings),

@@ -227,8 +227,7 @@ def _covariance(model: Model, logged: Sequence[Record], seen: Sequence[Record]) 
     slopes, errors, stretches = [], [], []
     for r, x in zip(logged, map(model.detrend.remove, seen), strict=True):
         left = model.residuals(r)
-        for i in range(s.ny):
-            J = s.gradient_columns(theta, x.u, x.y, i)[:, free]
+        for i, J in enumerate(s.gradients(theta, x.u, x.y)[:, :, free]):
             levels = np.tile(np.eye(s.ny)[i], (len(r), 1))
             kept = np.isfinite(left[:, i]) & (np.arange(len(r)) >= s.first_sample())
             slopes.append(np.hstack([J, levels])[kept])

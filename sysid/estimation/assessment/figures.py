@@ -169,10 +169,8 @@ def residual_tests(
         np.where(r.left_out, 0.0, model.structure.errors(model.theta, r.u, r.y, window))
         for r in kept
     ]
-    jacobians = [
-        [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
-        for i in range(model.structure.ny)
-    ]
+    by_record = [model.structure.gradients(model.theta, r.u, r.y) for r in kept]
+    jacobians = [[J[i] for J in by_record] for i in range(model.structure.ny)]
     inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
     part = estimated_columns if fitted else uncertain_columns
     parts = [
