@@ -24,15 +24,19 @@ COMMANDS = word_groups(
     "pwm",
     "duty dutycycle throttle gas gaspedal fahrpedal pedal",
     "cmd command rcout rcou befehl kommando commande stellgröße stellgroesse stellsignal stellwert "
-    "pid controller regler reglerausgang brake bremse frein",
+    "op mv pid controller regler reglerausgang brake bremse frein",
     "volt volts voltage spannung",
     "control ctrl effort drive power leistung",
     "rudder ruder ruderwinkel gouvernail steer steering lenkung lenkwinkel heater heizung heat "
     "chauffage pump pumpe pompe valve ventil vanne fan lüfter relay esc servo damper klappe "
-    "dosing dosierung",
+    "dosing dosierung stirrer agitator rührer ruehrer compressor kompressor verdichter blower "
+    "gebläse geblaese peltier tec",
     "u motor mot",
 )
 """Words of a command, the clearest first: the first group with one of a name's words counts."""
+
+ACTUATOR = len(COMMANDS) - 2
+"""The group of parts that act on a plant."""
 
 MEASURED_TOO = (3, 4, 6)
 """Groups of ``COMMANDS`` whose words are measured as often as they are commanded."""
@@ -51,8 +55,8 @@ SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s"
 MEASUREMENTS = word_groups(
     "y out output ausgang measured actual feedback istwert ist messwert pv",
     "temp temperature temperatur température level füllstand fuellstand pegel niveau",
-    "pressure druck pression ph flow durchfluss débit debit force kraft thrust schub torque "
-    "drehmoment",
+    "pressure druck pression ph o2 co2 humidity feuchte moisture lux flow durchfluss débit debit "
+    "force kraft thrust schub torque drehmoment",
     "position pos angle winkel displacement weg theta phi abstand",
     "yawrate gyro gyr gierrate drehrate",
     "current strom courant accel acceleration beschleunigung",
@@ -179,8 +183,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     )
     if SUPPLIES & set(parts) or any(w.startswith(("batter", "akku", "versorg")) for w in parts):
         return Meaning("measurement", 1, side) if of_water else Meaning("supply", 0, side)
-    pairs = (a + b for a, b in pairwise(parts))
-    parts = (*parts, *(pair for pair in pairs if pair in _KNOWN))  # YawRate, wheel_speed
+    parts = _with_pairs(parts)
     weak = len(COMMANDS) - 1
     command, speed = _rank(parts, COMMANDS), _rank(parts, SPEEDS)
     if command is not None and (command < weak or speed is None):
@@ -195,10 +198,9 @@ def meaning(name: str, unit: str = "") -> Meaning:
         speed = 1
     if speed is not None:
         return Meaning("speed", speed, side)
-    measured = _rank(parts, MEASUREMENTS)
-    if measured is not None:
-        return Meaning("measurement", measured, side)
-    return Meaning("other", 0, side)
+    by_unit = 1 if unit in PROCESS_UNITS else None  # says what a word would
+    found = [rank for rank in (_rank(parts, MEASUREMENTS), by_unit) if rank is not None]
+    return Meaning("measurement", found[0], side) if found else Meaning("other", 0, side)
 
 
 def family(name: str) -> tuple[str, ...]:
@@ -239,7 +241,7 @@ def may_move(name: str, unit: str) -> bool:
     it is read in; a name that says nothing may be anything.
     """
     base, _ = ending(name)
-    parts = words(base)
+    parts = _with_pairs(words(base))
     moves = _rank(parts, SPEEDS) is not None or _rank(parts, MEASUREMENTS[3:]) is not None
     return moves or (_rank(parts, PROCESS_MEASUREMENTS) is None and unit not in PROCESS_UNITS)
 
@@ -270,8 +272,20 @@ def is_battery(name: str) -> bool:
 
 def ends_in_speed(name: str, meant: Meaning) -> bool:
     """Whether a command by its name is an actuator's speed: ``Fan speed``."""
-    of_part = meant.quantity == "command" and meant.rank == len(COMMANDS) - 2
+    of_part = meant.quantity == "command" and meant.rank == ACTUATOR
     return of_part and _rank(words(without_unit(name))[-1:], SPEEDS) is not None
+
+
+def leaves_a_source(name: str, unit: str = "") -> bool:
+    """Whether "out" may be of what drives a plant: the voltage that an amplifier puts out."""
+    unit = _base_and_unit(name, unit)[1]
+    return unit in DRIVE_UNITS and meaning(name, unit) == Meaning("measurement", 0)
+
+
+def turns_an_actuator(name: str, unit: str = "") -> bool:
+    """Whether a speed is that of what an actuator's word names: ``Stirrer [rpm]``."""
+    part = _rank(words(without_unit(name)), COMMANDS) == ACTUATOR
+    return part and meaning(name, unit).quantity == "speed"
 
 
 def has_result_unit(name: str, unit: str = "") -> bool:
@@ -282,6 +296,12 @@ def has_result_unit(name: str, unit: str = "") -> bool:
 
 def _without_axis(parts: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(w for w in parts if w != "y") if VECTORS & {*parts} else parts
+
+
+def _with_pairs(parts: tuple[str, ...]) -> tuple[str, ...]:
+    """Words, and neighbours that are one word together: YawRate, wheel_speed, pO2."""
+    pairs = (a + b for a, b in pairwise(parts))
+    return (*parts, *(pair for pair in pairs if pair in _KNOWN))
 
 
 def _base_and_unit(name: str, unit: str) -> tuple[str, str]:

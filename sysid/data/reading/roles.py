@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.column_words import (
+    ACTUATOR,
     Meaning,
     ends_in_speed,
     family,
@@ -20,9 +21,12 @@ from sysid.data.column_words import (
     is_ambient,
     is_battery,
     is_set_point,
+    leaves_a_source,
     may_drive,
+    may_move,
     meaning,
     releases,
+    turns_an_actuator,
 )
 from sysid.data.reading.released import is_switch
 from sysid.data.reading.time_column import Numbers
@@ -168,8 +172,21 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
 
 
 def _meanings(units: Mapping[str, str]) -> dict[str, Meaning]:
-    """What each column holds: of commands alone, an actuator's speed is what another one makes."""
+    """What each column holds: of commands alone, an actuator's speed is what another one makes.
+
+    Beside what a process does, and no command, it is what drives the process; so is the voltage
+    that a source puts out, beside what a sensor reads in other units.
+    """
     meant = {n: meaning(n, unit) for n, unit in units.items()}
+    sources = [n for n, unit in units.items() if leaves_a_source(n, unit)]
+    if any(has_result_unit(n, unit) for n, unit in units.items()):
+        meant |= {n: Meaning("other", 0, meant[n].side) for n in sources}
+    driven = [n for n, m in meant.items() if m.quantity in ("speed", "measurement")]
+    parts = [n for n in driven if turns_an_actuator(n, units[n])]
+    rest = [n for n in driven if n not in parts]
+    commanded = any(m.quantity == "command" for m in meant.values())
+    if rest and not commanded and not any(may_move(n, units[n]) for n in rest):
+        meant |= {n: Meaning("command", ACTUATOR, meant[n].side) for n in parts}
     turned = {n for n, m in meant.items() if ends_in_speed(n, m)}
     others = {m.quantity for n, m in meant.items() if n not in turned} - {"reference", "supply"}
     if others == {"command"}:

@@ -50,7 +50,7 @@ _ALONE = word_set(
 """Units that are the name of a time column without another word."""
 _BESIDE = word_set(
     "boot since start system sys local utc gps log abs rel unix relative absolute of day header "
-    "field arduino esp und and mess run device host the in ros bag"
+    "field arduino esp und and mess test total run device host the in ros bag"
 )
 """Words that may stand beside those in the name of a time column."""
 
@@ -184,11 +184,10 @@ def find_time(
         counters = [n for n in counters if n in COUNTERS[:5]]
     first = next((n for n in names if n not in counters), None)
     if by_steps and read is not None and first is not None and first in free:
-        column = (
-            read(first) if meaning(first).quantity == "other" and not _position(first) else None
-        )
-        if column is not None and is_steady(column):
-            whole = bool(np.all(np.diff(column) == 1.0))
+        column = read(first) if meaning(first).quantity == "other" else None
+        whole = column is not None and bool(np.all(np.diff(column) == 1.0))
+        counted = whole and column is not None and column[:1].tolist() in ([0.0], [1.0])
+        if column is not None and is_steady(column) and (counted or not _position(first)):
             return TimeColumn(first, counts=whole, by_name=False)
     return TimeColumn(counters[0], counts=True) if counters else None
 

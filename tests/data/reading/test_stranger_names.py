@@ -11,6 +11,7 @@ from written_logs import RPM, STEP, lines, motor, point, put, robot_drive, whole
 from sysid.data.io import read_file
 from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.roles import roles
 from sysid.data.record import Channel, Record
 from sysid.data.units import conversion, from_name
 from sysid.errors import SysidError, UsageError
@@ -387,3 +388,24 @@ def test_a_minus_before_a_unit_changes_the_sign(tmp_path: Path, capsys: Capture)
     ]
     assert gains[0] < 0.0
     assert gains[1] == pytest.approx(-gains[0])
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "inputs", "outputs"),
+    [
+        (("amp_out_V", "laser_mm"), ("V", "mm"), {("amp_out_V",)}, {("laser_mm",)}),
+        (("FIC.SP", "FIC.OP", "FIC.PV"), ("", "", ""), {("FIC.OP",)}, {("FIC.PV",)}),
+        (("Stirrer", "pO2"), ("rpm", "%"), {("Stirrer",)}, {("pO2",)}),
+        (("Compressor", "T_room"), ("", "degC"), {("Compressor",)}, {("T_room",)}),
+        (("Power", "Flow", "T"), ("kW", "l/min", "degC"), {("Power",)}, {("Flow",), ("T",)}),
+    ],
+)
+def test_what_a_unit_says_counts_as_a_word_does(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    inputs: set[tuple[str, ...]],
+    outputs: set[tuple[str, ...]],
+) -> None:
+    """A temperature by its unit is measured; a source's voltage or a stirrer's speed drives."""
+    found = roles(dict(zip(names, units, strict=True)), (), (), (), None)
+    assert ({*found.inputs}, {*found.outputs}) == (inputs, outputs)
