@@ -25,6 +25,12 @@ ALONE = -1
 COMMANDED = 0.5
 """Share of a column's power from which the inputs command it."""
 
+SETTLED = 0.6
+"""Share of a switch's power that is a curve over the output from which that settles it."""
+
+MOST_BINS, CELLS_OF_BIN = 100, 20
+"""Bins of the output that such a curve is read off, and the rows in each at least."""
+
 IN_PROPORTION = 0.2
 """Share of its effect that an input has left where the other signal is zero: below, it is in
 proportion to it."""
@@ -75,12 +81,17 @@ def with_another(track: Track) -> Terms | None:
 def with_unused(track: Track) -> Terms | None:
     """The same with a column that is not used, which may also act by itself: G(q) c.
 
-    Only those that go their own way: what the inputs command, an acceleration for instance, is
-    rather a consequence.
+    Only those that go their own way: what the inputs command, an acceleration for instance, or
+    a switch that the output settles, such as one that is on at standstill, is rather a consequence.
     """
     commanded = np.column_stack([track.inputs, track.through(track.inputs)])
     commanded -= commanded.mean(axis=0)
-    own = [c for c in track.unused if _share_of(c.values - c.values.mean(), commanded) < COMMANDED]
+    own = [
+        c
+        for c in track.unused
+        if _share_of(c.values - c.values.mean(), commanded) < COMMANDED
+        and not _is_settled(c.values, track.measured)
+    ]
     return _with(track, own, acts=True)
 
 
@@ -88,6 +99,18 @@ def _share_of(signal: Array, columns: Array) -> float:
     """Share of a signal's power that columns predict."""
     left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
     return 1.0 - float(left @ left) / max(float(signal @ signal), 1e-300)
+
+
+def _is_settled(column: Array, output: Array) -> bool:
+    """Whether a column of two values follows the output at the same instant: the means of its bins
+    over the output, their number counted, predict it. A cause acts through the machine's lag."""
+    bins = min(MOST_BINS, len(column) // CELLS_OF_BIN)
+    if bins < 2 or np.any((column != column.min()) & (column != column.max())):
+        return False
+    parts = np.array_split(column[np.argsort(output, kind="stable")], bins)
+    left = sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
+    whole = float(np.sum((column - column.mean()) ** 2))
+    return left * len(column) / (len(column) - bins) < (1.0 - SETTLED) * whole
 
 
 def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms | None:

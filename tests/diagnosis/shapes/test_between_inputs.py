@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.shapes.between_inputs import _is_settled
 
 Array = NDArray[np.float64]
 DT = 0.02
@@ -64,6 +65,22 @@ def test_a_column_that_is_not_used_comes_before_time() -> None:
     assert shape.place == "unused column"
     assert shape.sentence.endswith("is in proportion to speed, which is not used here")
     assert all(s.place != "unused column" for s in diagnose([log]).shapes)
+
+
+def test_a_switch_that_the_output_settles_is_no_cause() -> None:
+    """A train that does not roll back at standstill, and its doors, which open there."""
+    rng = np.random.default_rng(6)
+    notch, v = np.round(4.0 * _held(rng, 3000, 30, 90)), np.zeros(3000)
+    for k in range(2999):
+        v[k + 1] = max(v[k] + DT * (2.0 * notch[k] - 0.4 * v[k]), 0.0)
+    doors = ((v < 0.05) & (notch <= 0.0)).astype(float)
+    weighed = np.repeat(rng.integers(0, 2, 30), 100).astype(float)  # goes its own way
+    v += rng.normal(0.0, 0.02, 3000)
+    log = Record(notch[:, None], v[:, None], DT, (Channel("notch"),), (Channel("v", "m/s"),))
+    log = replace(log, unused=np.column_stack([doors, weighed]), unused_names=("doors", "weighed"))
+    found = diagnose([log])
+    assert all("doors" not in s.sentence for s in found.shapes)
+    assert not _is_settled(weighed, v)
 
 
 @pytest.mark.slow
