@@ -122,9 +122,10 @@ def _steepest(data: Data, track: int, span: int, apart: bool) -> tuple[float, fl
     Args:
         apart: whether that of growing and that of falling sizes; else both are the same.
     """
-    sizes = data.split(data.y[:, track])
-    sizes = [np.abs(y) for y in sizes] if apart else sizes
-    slopes = np.concatenate([(y[span:] - y[:-span]) / span for y in sizes])
+    y = data.y[:, track]
+    slopes = np.concatenate(
+        [(part[span:] - part[:-span]) / span for part in data.split(np.abs(y) if apart else y)]
+    )
     slopes = slopes[np.isfinite(slopes)]  # lost measurements have none
     if not len(slopes):
         return 0.0, 0.0
