@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -94,6 +96,10 @@ class Structure(ABC):
     @abstractmethod
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's one-step prediction on a record, (N, n), zero rows where NaN."""
+
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        """``gradient_columns`` of every output, (ny, N, n)."""
+        return np.stack([self.gradient_columns(theta, u, y, i) for i in range(self.ny)])
 
     @abstractmethod
     def equations(

@@ -193,8 +193,11 @@ class GreyBox(NamedStructure, Generic[P]):
         return stays_bounded(self, theta) if known is None else known
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        return np.asarray(self.gradients(theta, u, y)[output])
+
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
-        return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
+        return tangents(self, theta, [u], x0[:, None])[0][: len(theta)].transpose(1, 2, 0)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
