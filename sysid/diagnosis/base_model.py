@@ -328,7 +328,7 @@ def given_base(
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     """Effects, and laws of them, that what is read can have.
 
-    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle; the
+    A heater has no friction, no gear and no armature, nor has a position on a spring; the
     position of a rudder comes from no battery. Of a servo, whose command is the position to be
     reached, nothing in the log is a torque or speed, and its loop has lags of its own.
     """
@@ -346,11 +346,19 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
         ]
     if any(c.unit in POSITIONS for c in first.inputs):
         effects = [e for e in effects if not e.hints.electric]
-    if any(c.unit in POSITIONS for c in first.outputs):
-        effects = [e for e in effects if not e.waves]
-    if any(may_move(c.name, c.unit) for c in first.outputs):
+    if shows_motion(first):
         return tuple(effects)
     return tuple(e for e in effects if e.hints.level or not e.of_motion)
+
+
+def shows_motion(first: Record) -> bool:
+    """Whether an output may be the speed of something that turns or moves, or is a servo's.
+
+    A position that integrates is diagnosed by its rate; one that does not is held by a spring or a
+    weight, and what would be drag or friction of a speed would be a stiffness of it.
+    """
+    moving = (may_move(c.name, c.unit) and c.unit not in POSITIONS for c in first.outputs)
+    return _is_servo(first) or any(moving)
 
 
 def _is_servo(first: Record) -> bool:
@@ -400,8 +408,10 @@ def may_lack_sign(records: Sequence[Record]) -> bool:
     direction.
 
     Effects are then compared at the largest order, because an order chosen on such measurements
-    says nothing; zero is taken for a physical zero.
+    says nothing; zero is taken for a physical zero. That of a temperature or pressure is not.
     """
+    if not shows_motion(records[0]):
+        return False
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
     if u.shape[1] > y.shape[1]:

@@ -49,6 +49,20 @@ def test_a_car_turns_by_its_speed_and_its_steering() -> None:
     assert not found.grown
 
 
+def test_water_is_heated_in_proportion_to_the_time_that_it_stays() -> None:
+    """T = T₀ + P/(c ṁ): no curve of the sum of both inputs follows it."""
+    rng = np.random.default_rng(6)
+    power, flow = 7.0 + 4.0 * _held(rng, 1800, 30, 120), 6.0 + 3.0 * _held(rng, 1800, 40, 150)
+    warm = 12.0 + _lagged(14.3 * power / flow, 5.0, 1.0) + rng.normal(0.0, 0.08, 1800)
+    log = _record(np.column_stack([power, flow]), warm, ("power", "flow"), 1.0)
+    found = diagnose([replace(log, outputs=(Channel("T_out", "degC"),))])
+    assert not found.effects
+    (shape,) = found.shapes
+    assert shape.id == "input-product"
+    assert shape.share > 0.9
+    assert "power on T_out is in proportion to 1/flow" in shape.sentence
+
+
 def test_a_column_that_is_not_used_comes_before_time() -> None:
     """The same car by its steering alone: its gain does not wander with time."""
     rng = np.random.default_rng(4)
