@@ -67,13 +67,12 @@ def test_a_column_that_is_not_used_comes_before_time() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_weather_that_is_not_used_is_no_slow_state(seed: int) -> None:
+def test_weather_that_is_not_used_is_no_slow_state() -> None:
     """A greenhouse by its flap alone: no drift, no further state, and no integrator."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     n, tau = 2000, 60.0
     flap = np.repeat(rng.choice([0.0, 20.0, 40.0, 60.0, 80.0, 100.0], n // 80), 80)
-    outside = 12.0 + 6.0 * np.sin(4e-4 * np.arange(n) * 2.0 * np.pi + seed)
+    outside = 12.0 + 6.0 * np.sin(4e-4 * np.arange(n) * 2.0 * np.pi + 1.0)
     outside += np.cumsum(rng.normal(0.0, 0.02, n))
     inside = _from(22.0, 14.0 + outside - 0.08 * flap, tau) + rng.normal(0.0, 0.05, n)
     log = Record(flap[:, None], inside[:, None], 10.0, (Channel("flap", ""),), (Channel("in", ""),))
