@@ -33,6 +33,7 @@ def _record(u: Array, y: Array, names: tuple[str, str], dt: float = DT) -> Recor
     return Record(u, y[:, None], dt, inputs, (Channel("yaw", "rad/s"),))
 
 
+@pytest.mark.slow
 def test_a_car_turns_by_its_speed_and_its_steering() -> None:
     """ψ̇ = v tan δ / L: no sum of both inputs follows it, and nothing changes with time."""
     rng = np.random.default_rng(4)
@@ -117,6 +118,7 @@ def test_each_input_has_a_dead_time_of_its_own() -> None:
     assert np.sqrt(np.mean((y - run)[400:] ** 2)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_load_that_is_engaged_changes_gain_and_time_constant_by_what_it_does() -> None:
     """Both numbers come from fits with the speed simulated: a third less, 0.18 to 0.26 s."""
     rng = np.random.default_rng(6)
