@@ -6,9 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid.data.column_words import may_move
 from sysid.data.record import Array
-from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.base_model import Base, shows_motion
 from sysid.diagnosis.gap import Gap, measure_gap
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.forward_selection import Progress
@@ -212,7 +211,7 @@ class DiagnosisSession:
     @property
     def moves(self) -> bool:
         """Whether an output may be of something that turns or moves."""
-        return any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
+        return shows_motion(self.base.parts.estimation[0])
 
     def shapes(self, candidate: CandidateModel) -> tuple[FittedShape, ...]:
         """Every shape without physics around a candidate model, most evidence first."""

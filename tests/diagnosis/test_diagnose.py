@@ -284,6 +284,8 @@ def test_a_position_is_known_for_the_integral_of_its_drive() -> None:
     assert not integrates([dataclasses.replace(made, y=v[:, None])])
     rate = rates([made], 2)[0]
     assert (rate.output_names, rate.outputs[0].unit, rate.dt) == (("position_rate",), "m/s", 0.02)
+    in_mm = dataclasses.replace(made, outputs=(Channel("position", "m", 1e-3, "mm"),))
+    assert rates([in_mm], 2)[0].outputs[0].to_file == (pytest.approx(1e3), "mm/s")
     # central differences over ±2 samples of a speed that forgets over 100
     np.testing.assert_allclose(rate.y[:, 0], v[2 : 2 * len(rate) + 2 : 2], atol=0.02)
 

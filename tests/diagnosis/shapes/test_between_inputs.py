@@ -50,6 +50,20 @@ def test_a_car_turns_by_its_speed_and_its_steering() -> None:
     assert not found.grown
 
 
+def test_water_is_heated_in_proportion_to_the_time_that_it_stays() -> None:
+    """T = T₀ + P/(c ṁ): no curve of the sum of both inputs follows it."""
+    rng = np.random.default_rng(6)
+    power, flow = 7.0 + 4.0 * _held(rng, 1800, 30, 120), 6.0 + 3.0 * _held(rng, 1800, 40, 150)
+    warm = 12.0 + _lagged(14.3 * power / flow, 5.0, 1.0) + rng.normal(0.0, 0.08, 1800)
+    log = _record(np.column_stack([power, flow]), warm, ("power", "flow"), 1.0)
+    found = diagnose([replace(log, outputs=(Channel("T_out", "degC"),))])
+    assert not found.effects
+    (shape,) = found.shapes
+    assert shape.id == "input-product"
+    assert shape.share > 0.9
+    assert "power on T_out is in proportion to 1/flow" in shape.sentence
+
+
 def test_a_column_that_is_not_used_comes_before_time() -> None:
     """The same car by its steering alone: its gain does not wander with time."""
     rng = np.random.default_rng(4)
@@ -65,6 +79,21 @@ def test_a_column_that_is_not_used_comes_before_time() -> None:
     assert shape.place == "unused column"
     assert "is in proportion to speed, which is not used here; give it" in shape.sentence
     assert all(s.place != "unused column" for s in diagnose([log]).shapes)
+
+
+def test_a_switch_that_the_output_settles_is_no_cause() -> None:
+    """A train that does not roll back at standstill, and its doors, which open there."""
+    rng = np.random.default_rng(6)
+    notch, v = np.round(4.0 * _held(rng, 3000, 30, 90)), np.zeros(3000)
+    for k in range(2999):
+        v[k + 1] = max(v[k] + DT * (2.0 * notch[k] - 0.4 * v[k]), 0.0)
+    doors = ((v < 0.05) & (notch <= 0.0)).astype(float)
+    weighed = np.repeat(rng.integers(0, 2, 30), 100).astype(float)  # goes its own way
+    v += rng.normal(0.0, 0.02, 3000)
+    log = Record(notch[:, None], v[:, None], DT, (Channel("notch"),), (Channel("v", "m/s"),))
+    log = replace(log, unused=np.column_stack([doors, weighed]), unused_names=("doors", "weighed"))
+    found = diagnose([log])
+    assert all("doors" not in s.sentence for s in found.shapes)
 
 
 @pytest.mark.slow
