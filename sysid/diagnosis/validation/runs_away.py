@@ -21,8 +21,8 @@ ROWS_A_NUMBER = 5
 
 
 RUNS_AWAY = (
-    "cannot stay bounded without its controller. No free run of a model follows it, and no effect is named "
-    "on it. Diagnose the closed loop from its set point."
+    "cannot stay bounded without its controller. No free run of a model follows it, and no effect "
+    "is named on it. Diagnose the closed loop from its set point."
 )
 
 
