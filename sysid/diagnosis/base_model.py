@@ -239,7 +239,9 @@ def _baseline(
     effects = _with_logs(_possible(effects, first), parts, level)
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
-    model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt, first.nu)
+    speed = typical_speed(estimation)
+    lag = _typical_lag(estimation, speed) if _is_servo(first) else None
+    model = FullModel(effects, order, first.ny, speed, first.dt, first.nu, lag)
     in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
         model,
@@ -393,6 +395,12 @@ def typical_speed(records: Sequence[Record]) -> Array:
     """Size of the fast measurements of each output."""
     speed = np.quantile(np.abs(np.concatenate([r.y for r in records])), 0.95, axis=0)
     return np.asarray(np.maximum(speed, 1e-9))
+
+
+def _typical_lag(records: Sequence[Record], speed: Array) -> Array:
+    """RMS distance of servos from their set points, (ny,); no more than they travel."""
+    distance = np.concatenate([r.y - r.u for r in records])
+    return np.asarray(np.clip(np.sqrt(np.nanmean(distance**2, axis=0)), 1e-6 * speed, speed))
 
 
 def may_lack_sign(records: Sequence[Record]) -> bool:
