@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
 from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -94,12 +92,8 @@ class Structure(ABC):
         return y - self.errors(theta, u, y, window)
 
     @abstractmethod
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, n), zero rows where NaN."""
-
     def gradients(self, theta: Array, u: Array, y: Array) -> Array:
-        """``gradient_columns`` of every output, (ny, N, n)."""
-        return np.stack([self.gradient_columns(theta, u, y, i) for i in range(self.ny)])
+        """∂ŷ/∂θ of the one-step predictions on a record, (ny, N, n), zero rows where NaN."""
 
     @abstractmethod
     def equations(

@@ -328,9 +328,6 @@ class Augmented(Structure):
             return False
         return base is None or base.structure.stable(base.theta)
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        return np.asarray(self.gradients(theta, u, y)[output])
-
     def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         """∂ŷ/∂θ by central differences, every run beside the others, (ny, N, n)."""
         x0 = self.fitted_state(theta, u, y, 1)

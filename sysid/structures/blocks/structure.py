@@ -191,9 +191,6 @@ class BlockStructure(NamedStructure):
         """
         return self.chain.admissible(theta)
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        return np.asarray(self.gradients(theta, u, y)[output])
-
     def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         if not len(u):
             return np.zeros((self.ny, 0, self.chain.n))

@@ -189,9 +189,6 @@ class RealizedStructure(LinearStructure, Searchable):
         out[: horizon - 1] = np.nan
         return out
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        return np.asarray(self.gradients(theta, u, y)[output])
-
     def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         theta = np.asarray(theta, dtype=np.float64)
         r, inputs = _one_step(self.realization(theta), u, y)
