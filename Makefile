@@ -33,12 +33,12 @@ unexport PYTHONDONTWRITEBYTECODE
 # NPROC: JAX's threads, which spin while they wait
 PYTEST := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/pytest -n 2 --dist worksteal
 
+# mypy runs beside the tests: alone, it would leave a core idle for a minute.
 test: $(VENV)/.installed-test  ## Lint, types, layers and all tests but the slow ones
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict sysid cli
 	$(BIN)/lint-imports
-	$(PYTEST) -m "not slow"
+	$(BIN)/mypy --strict sysid cli & types=$$!; $(PYTEST) -m "not slow"; tests=$$?; wait $$types && exit $$tests
 
 test-slow: $(VENV)/.installed-test  ## Tests of whole diagnoses and long fits; .ci/run runs them, too
 	$(PYTEST) -m slow

@@ -61,11 +61,7 @@ def demo(
 
 
 def _copied(folder: Path) -> list[str]:
-    """Copy what is not there yet; the names of all.
-
-    Raises:
-        UsageError: a file of the folder differs from the bundled one.
-    """
+    """Copy what is not there yet; the names of all."""
     from sysid_datasets import folder as bundled
 
     from sysid.data.files import contents, write_atomic

@@ -202,4 +202,6 @@ def _run(
     if measured:
         keys = [key for key in measured_keys(chain_effects()) if key in measured]
         read = (*read, f"Searched near the values of {bench}: {', '.join(keys) or 'nothing'}.")
-    return replace(result, reading=read, warnings=tuple(map(with_options, said)))
+    shapes = tuple(replace(s, sentence=with_options(s.sentence)) for s in result.shapes)
+    told = replace(result, story=with_options(result.story), shapes=shapes)
+    return replace(told, reading=read, warnings=tuple(map(with_options, said)))

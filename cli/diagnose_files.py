@@ -43,9 +43,6 @@ def write_results(
     Args:
         before, after: ids of the models in the workspace.
         read_as: what was decided when the logs were read.
-
-    Raises:
-        UsageError, DataError: the folder cannot be written.
     """
     from sysid.data.files import write_atomic
     from sysid.report.diagnosis_page import diagnosis_page
@@ -110,6 +107,7 @@ def _report(model: "Model", result: "Diagnosis") -> dict[str, Any]:
     return {
         "estimation": figures("estimation") or figures("held-out"),
         "validation": figures("held-out"),
+        "residuals": result.tests.as_dict() if model is result.after and result.tests else None,
         "criteria": dict(model.criteria),
         "seconds": result.seconds,
         "warnings": list(model.warnings),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import render
 from .answer import Answer
+from .fit_report import residual_marks
 from .read_as import decisions_in_words
 
 if TYPE_CHECKING:
@@ -44,7 +45,10 @@ def show(
         shown = answer.table(heads, rows, spare=5)
         if shown < len(rows):
             answer.say(f"  {len(rows) - shown} more rows: the page", "dim", 1)
-    for line in (words.worst_sentence(result), words.left_sentence(result), result.description):
+    failed = result.tests is not None and not result.tests.passed
+    marks = residual_marks(result.tests.as_dict()) if result.tests and failed else ""
+    left = words.left_sentence(result, marks)
+    for line in (words.worst_sentence(result), left, result.description):
         if answer.room > 0:
             answer.say(line, "", min(answer.room, 2))
     if result.path.get("sentence") and answer.room > 1:

@@ -17,11 +17,7 @@ TRIED = ("process", "tf")
 
 
 def is_response(logs: list[Path]) -> bool:
-    """Whether what is to be fitted is a frequency response.
-
-    Raises:
-        UsageError: it is beside other logs.
-    """
+    """Whether what is to be fitted is a frequency response."""
     found = [p for p in logs if p.name.lower().endswith(".frd.csv")]
     if found and len(logs) > 1:
         raise UsageError(f"{found[0].name} is a frequency response, which is fitted by itself")

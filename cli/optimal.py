@@ -19,11 +19,7 @@ LONGEST = 20_000
 
 
 def designed(stored: "StoredModel", options: dict[str, Any]) -> "tuple[Schedule, dict[str, Any]]":
-    """The schedule, and which errors it promises beside those of the model's log.
-
-    Raises:
-        UsageError: an option does not fit, or the log of the model is gone.
-    """
+    """The schedule, and which errors it promises beside those of the model's log."""
     import numpy as np
 
     from sysid.data.schedule import Schedule

@@ -15,9 +15,6 @@ def check(path: Path, option: str, new_folder: bool = True) -> None:
         path: the file or folder to write.
         option: what the place was named with.
         new_folder: whether the last folder on the way may be new.
-
-    Raises:
-        UsageError: a folder does not exist.
     """
     folder = path.parent.parent if new_folder else path.parent
     if not folder.is_dir():
@@ -26,11 +23,7 @@ def check(path: Path, option: str, new_folder: bool = True) -> None:
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Make the folder of a file that will be written.
-
-    Raises:
-        DataError: it cannot be made.
-    """
+    """Make the folder of a file that will be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -55,11 +48,7 @@ def data_target(name: str, help: str) -> Any:
 
 
 def check_picture(path: Path, option: str = "--plot") -> Path:
-    """Refuse a picture that cannot be drawn.
-
-    Raises:
-        UsageError: the folder does not exist, or the name ends in nothing that can be drawn.
-    """
+    """Refuse a picture that cannot be drawn."""
     from sysid.report.plots import picture_format
 
     picture_format(path)

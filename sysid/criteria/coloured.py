@@ -64,9 +64,6 @@ class AutoRegression:
         What the backward filter still puts out before the record's first sample is the effect of
         noise that entered before it; its energy is added in closed form, so that Σ is the
         stationary covariance (Toeplitz, R(t − s)) and not that of noise starting at rest.
-
-        Raises:
-            DataError: there is no block.
         """
         total: Array | None = None
         state: Array | None = None
@@ -119,9 +116,6 @@ def ar_fit(errors: Signals, order: int = 20) -> AutoRegression:
             what predicts them but for 1e-8 of their variance (a constant, a pure sine). A fixed
             order served as well as one chosen by AIC or BIC and does not depend on the draw.
 
-    Raises:
-        DataError: more than one column, an infinite value, no sample, or a negative order.
-
     Source: Burg (1975); Marple (1987), ch. 8.
     """
     pieces = _finite_pieces(errors)
@@ -172,9 +166,6 @@ def coloured_gram(columns: Signals, errors: Signals, order: int = 20) -> Array:
 
     Returns:
         (n, n), symmetric, positive semidefinite.
-
-    Raises:
-        DataError: shapes do not fit, or :func:`ar_fit` cannot serve.
     """
     js, es = as_records(columns, "columns"), as_records(errors, "errors")
     if [len(j) for j in js] != [len(e) for e in es]:

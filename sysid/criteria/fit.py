@@ -54,9 +54,6 @@ def fit_percent(y: Signals, y_hat: Signals, skip: int = 0) -> Array:
     Returns:
         (ny,); NaN for an output that is constant in every record (no fit is defined), or when no
         sample is left.
-
-    Raises:
-        DataError: the shapes of ``y`` and ``y_hat`` differ.
     """
     return 100.0 * (1.0 - rrse(y, y_hat, skip))
 
@@ -83,11 +80,7 @@ def rmse(y: Signals, y_hat: Signals, skip: int = 0) -> Array:
 
 
 def complete_rows(errors: Signals) -> Array:
-    """The rows without a NaN of all records, stacked: (N, ny).
-
-    Raises:
-        DataError: no complete row is left.
-    """
+    """The rows without a NaN of all records, stacked: (N, ny)."""
     records = as_records(errors, "errors")
     stacked = records[0] if len(records) == 1 else np.concatenate(records)
     # column by column: NumPy's reductions along the short axis of (N, ny) are ten times slower
@@ -122,11 +115,7 @@ def _norm(parts: Sequence[Array], columns: int) -> Array:
 
 
 def one_output(errors: Signals) -> list[Array]:
-    """Residuals of one output as 1-D arrays, one a record.
-
-    Raises:
-        DataError: more than one column, an infinite value, or no sample.
-    """
+    """Residuals of one output as 1-D arrays, one a record."""
     records = as_records(errors, "errors")
     if records[0].shape[1] != 1:
         raise DataError(f"residuals of one output expected, got shape {records[0].shape}")
@@ -138,11 +127,7 @@ def one_output(errors: Signals) -> list[Array]:
 
 
 def inputs_of(inputs: Signals, lengths: list[int]) -> tuple[Array, ...]:
-    """The inputs as 2-D arrays of the given lengths.
-
-    Raises:
-        DataError: the lengths differ, or a value is not finite.
-    """
+    """The inputs as 2-D arrays of the given lengths."""
     records = as_records(inputs, "inputs")
     if [len(u) for u in records] != lengths:
         raise DataError(f"{lengths} residuals but inputs of {[len(u) for u in records]} samples")

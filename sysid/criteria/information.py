@@ -28,9 +28,6 @@ def loss_of(errors: Signals, n_parameters: int) -> Loss:
         errors: ε = y − ŷ one step ahead, (N, ny) or one such array a record; rows with a NaN
             (not predicted) are left out.
         n_parameters: free parameters n, estimated initial states included.
-
-    Raises:
-        DataError: no complete row, or a negative ``n_parameters``.
     """
     kept = complete_rows(errors)
     samples, outputs = kept.shape
@@ -65,9 +62,6 @@ def on_common_samples(models: Sequence[Signals]) -> list[tuple[Array, ...]]:
 
     Args:
         models: for each model its errors, all on the same records.
-
-    Raises:
-        DataError: the models' errors differ in shape.
     """
     all_errors = [as_records(m, "errors") for m in models]
     if len({tuple(e.shape for e in errors) for errors in all_errors}) > 1:

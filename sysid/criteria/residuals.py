@@ -205,9 +205,6 @@ def residual_report(
             but not judged.
         level: confidence level of each kind of test over all outputs.
         uncertain: for each output G√P of what was estimated from other data, as ``jacobians``.
-
-    Raises:
-        DataError: shapes do not fit, or too few samples.
     """
     es = as_records(errors, "errors")
     ny = es[0].shape[1]

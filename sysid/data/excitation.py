@@ -86,9 +86,6 @@ def multisine(
         odd: only odd harmonics, of every four of which one, drawn by chance, stays silent: what
             the output shows there and at even ones is distortion (odd-odd multisine).
         periods: how often it is repeated; distortions need two after the transient.
-
-    Raises:
-        UsageError: an argument is out of range, or the band holds no harmonic for some input.
     """
     count = sample_count(duration, dt, amplitude, 0.0, names)
     low, high = band
@@ -159,10 +156,6 @@ def chirp(
     Inputs swept at once by one sine would be collinear, so the duration is cut into as many
     sweeps as there are inputs, each driving one of them, and a last one driving all; the frequency
     rises exponentially over a sweep.
-
-    Raises:
-        UsageError: an argument is out of range, or a sweep does not hold one period of the lowest
-            frequency.
     """
     count = sample_count(duration, dt, amplitude, 0.0, names)
     low, high = band
@@ -202,9 +195,6 @@ def steps(
 
     Levels are evenly spaced over ±amplitude and drawn without replacement until all were used, so
     that the whole range is covered; the same level never follows itself.
-
-    Raises:
-        UsageError: an argument is out of range.
     """
     count = sample_count(duration, dt, amplitude, 0.0, names)
     shortest, longest = hold
@@ -253,9 +243,6 @@ def pulses(
         amplitude: the highest level [µs]; the others are even fractions of it.
         on, pause: length of a pulse and of a pause [s].
         rotate: drive the first input opposite to the others, so that the robot turns on the spot.
-
-    Raises:
-        UsageError: an argument is out of range.
     """
     if levels < 1:
         raise UsageError(f"pulses need 1 level or more, got {levels}")

@@ -18,7 +18,7 @@ from sysid.data.checks.nonlinearity import (
     NonlinearityTest,
     nonlinearity_tests,
 )
-from sysid.data.checks.unused_columns import change_with_column
+from sysid.data.checks.unused_columns import change_with_column, drift_with_column
 from sysid.data.finding import Finding
 from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
@@ -181,6 +181,8 @@ class LogFacts:
             if fit is None:
                 continue
             other = change_with_column(self._unfiltered, j, fit)
+            if other is None and self.drifts[j]:
+                other = drift_with_column(self._unfiltered, j, fit)
             change = other or change_within(self._unfiltered, j, fit)
             if change is not None and (other or not self._by_region(change)):
                 seen.append(change)
@@ -238,9 +240,6 @@ def without_drift(record: Record) -> Record:
     """The record less the slow drift of its outputs about their means (see ``processes``).
 
     A log longer than ``SAMPLES`` is looked at in means of a few samples.
-
-    Raises:
-        DataError: no process shows how an output follows its inputs.
     """
     every = -(-len(record) // SAMPLES)
     n = len(record) // every

@@ -36,11 +36,7 @@ ENDING = ".frd.csv"
 
 
 def python_control() -> Any:
-    """The package ``control``.
-
-    Raises:
-        ModelError: it is not installed.
-    """
+    """The package ``control``."""
     try:
         import control
     except ImportError:

@@ -80,9 +80,6 @@ def long_regression(
         first: first input lag; negative to look into the future.
         last: last input lag; None for ``order``.
         far: further input lags, where the inputs act after a long delay.
-
-    Raises:
-        DataError: there are too few samples for that many lags.
     """
     last = order if last is None else last
     lags = np.union1d(np.arange(first, last + 1), np.asarray(far, dtype=np.int64))

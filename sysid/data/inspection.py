@@ -53,9 +53,6 @@ def inspect_records(
         data: experiments with the same channels, or what is known of them.
         order: order the inputs should excite; the number of lags of the largest model wanted.
         nonlinearity: whether to run the one check that takes longer than a quick fit.
-
-    Raises:
-        DataError: there is no record.
     """
     facts = LogFacts.of(data)
     records, reading = facts.records, facts.reading
@@ -88,11 +85,7 @@ def inspect_records(
 
 
 def require_usable(records: Sequence[Record]) -> None:
-    """Refuse records that no fit can use: too short, not finite, or with a constant channel.
-
-    Raises:
-        DataError: with the first fatal finding as its sentence.
-    """
+    """Refuse records that no fit can use: too short, not finite, or with a constant channel."""
     if not records:
         raise DataError("no record to fit; name at least one log")
     for check in (_check_length, check_finite, check_constant):

@@ -129,12 +129,7 @@ def read_files(
 
 
 def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
-    """One log file with everything there is to say about the reading.
-
-    Raises:
-        DataError: the file cannot serve; where and why is in the sentence.
-        UsageError: there is no such file, or an option does not fit it.
-    """
+    """One log file with everything there is to say about the reading."""
     options = options or ReadOptions()
     path = Path(path)
     large = large_log(path, options)
@@ -145,11 +140,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
 
 
 def thinned(large: Blocks, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> LogFile:
-    """Stretches of a log larger than memory, as one experiment each.
-
-    Raises:
-        DataError: the file cannot serve; where and why is in the sentence.
-    """
+    """Stretches of a log larger than memory, as one experiment each."""
     digest = large.digest()
     logs = [_read(large.path, t, large.options, (), digest) for t in large.stretches(count, rows)]
     first = logs[0].origin
@@ -169,11 +160,7 @@ def thinned(large: Blocks, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> 
 
 
 def blocks_of(large: Blocks, rows: int) -> Iterator[LogFile]:
-    """All rows of a log larger than memory in blocks of about ``rows``, read as the first one is.
-
-    Raises:
-        DataError: a block cannot serve, or is read in other units than the first one.
-    """
+    """All rows of a log beyond memory in blocks of about ``rows``, read as the first one is."""
     options, first = large.options, None
     for table in large.every(rows):
         log = _read(large.path, table, options, (), "-")

@@ -66,11 +66,7 @@ class Detrend:
 
     @classmethod
     def linear(cls, records: Sequence[Record]) -> "Detrend":
-        """The least-squares straight line of every channel over all experiments.
-
-        Raises:
-            DataError: fewer than two different instants.
-        """
+        """The least-squares straight line of every channel over all experiments."""
         u, y, t = _pooled(records)
         spread = t - t.mean()
         power = float(spread @ spread)
@@ -90,11 +86,7 @@ class Detrend:
         return not any(np.any(v) for v in by_field(self).values())
 
     def remove(self, record: Record) -> Record:
-        """The record without its offsets and slopes; hash and name stay.
-
-        Raises:
-            DataError: the record's channels are not as many as the offsets.
-        """
+        """The record without its offsets and slopes; hash and name stay."""
         if (record.nu, record.ny) != (len(self.u_offset), len(self.y_offset)):
             raise DataError(
                 f"{record.name} has {record.nu} inputs and {record.ny} outputs, the stored offsets "
@@ -159,9 +151,6 @@ def band_pass(record: Record, low: float, high: float) -> Record:
 
     Args:
         low, high: −3 dB frequencies [Hz].
-
-    Raises:
-        UsageError: they do not rise within half the sampling rate.
     """
     nyquist = 0.5 / record.dt
     if not 0.0 < low < high < nyquist:
@@ -214,12 +203,7 @@ def _each(record: Record, filtered: Callable[[Array], Array]) -> Record:
 
 
 def trim(record: Record, start: float = 0.0, end: float = 0.0) -> Record:
-    """Leave out the first ``start`` and the last ``end`` seconds.
-
-    Raises:
-        UsageError: a time is negative or not finite.
-        DataError: fewer than two samples are left.
-    """
+    """Leave out the first ``start`` and the last ``end`` seconds."""
     if not (np.isfinite(start) and np.isfinite(end) and start >= 0 and end >= 0):
         raise UsageError(f"cannot trim {start:g} s and {end:g} s; give times of 0 or more")
     length = len(record) * record.dt

@@ -121,9 +121,6 @@ def common_step(
     Args:
         records: of one system.
         dt: the step wanted [s], None for that of the coarsest record.
-
-    Raises:
-        DataError: their steps differ by too much.
     """
     steps = [r.dt for r in records]
     wanted = next(s for s in steps if s >= max(steps) / (1.0 + SAME_CLOCK)) if dt is None else dt

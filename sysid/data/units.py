@@ -77,9 +77,6 @@ def conversion(unit: str, channel: str = "") -> Conversion:
     ticks per second; ``counts=2048/rev`` (or ``counts/2048``) is a counter that goes on counting,
     2048 to a turn: a position; ``counts/s/2048`` its speed. All others are in UNITS. A minus sign
     before a unit changes the sign of the column.
-
-    Raises:
-        UsageError: the unit is not known; the sentence lists those that are.
     """
     unit = unit.strip()
     if unit.startswith("-"):
@@ -113,11 +110,7 @@ def conversion(unit: str, channel: str = "") -> Conversion:
 
 
 def pwm_conversion(pwm_max: float) -> Conversion:
-    """The conversion of a command in ±``pwm_max`` to the robot's ±20000 µs.
-
-    Raises:
-        UsageError: ``pwm_max`` is not a positive number.
-    """
+    """The conversion of a command in ±``pwm_max`` to the robot's ±20000 µs."""
     if not 1.0 / MOST <= pwm_max <= MOST:
         raise UsageError(
             f"`pwm_max` must be a positive number, such as 255, from {1 / MOST:g} to {MOST:g}, got "
@@ -187,9 +180,6 @@ def conversions(
         bracketed: column name → unit in brackets; empty where there is none.
         units: channel name → unit by option.
         pwm_max: command of full drive, or None.
-
-    Raises:
-        UsageError: an option names no channel or no known unit, or there is no PWM to scale.
     """
     names = (*inputs, *outputs)
     stated = {n: _bracketed(bracketed[n]) for n in names if bracketed.get(n)}

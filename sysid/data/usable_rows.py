@@ -90,9 +90,6 @@ def usable_rows(
         values: inputs, outputs and pose, (N, n), NaN in empty cells.
         choice: what they are.
         options: ``resample`` and ``strict`` count.
-
-    Raises:
-        DataError: a column holds too little, or a cell is empty and may not be.
     """
     names = (*choice.inputs, *choice.outputs, *choice.pose)
     if options.resample == "hold":

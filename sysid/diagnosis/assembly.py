@@ -53,6 +53,7 @@ from sysid.diagnosis.verdict import (
 from sysid.effects.catalogue import CHANGED, NOT_NAMED, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
+from sysid.estimation.assessment.figures import residual_tests
 from sysid.robot.calibration.windows import track_channels
 from sysid.structures.model import Model
 
@@ -145,7 +146,8 @@ class _Assembly:
             and not poor
         )
         old, new = self.models()
-        tests = (("before", session.before), ("after", remaining.structure))
+        left_by = (("before", session.before), ("after", remaining.structure))
+        tested = new is not old and not remaining.structured
         diagnosis = Diagnosis(
             verdict=verdict,
             story=poor or told,
@@ -154,6 +156,7 @@ class _Assembly:
             base_words=base.words,
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
+            tests=residual_tests(new, base.parts.estimation) if tested else None,
             shapes=self.shapes,
             curves=self.curves(),
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
@@ -165,7 +168,7 @@ class _Assembly:
             next_experiments=self.next_experiments(unseen),
             before=old,
             after=new,
-            residuals=tuple(r.verdict(name) for name, r in tests if r is not None),
+            residuals=tuple(r.verdict(name) for name, r in left_by if r is not None),
             description="; ".join(
                 filter(None, ("" if self.shapes else linear, self.description(bool(effects))))
             ),

@@ -185,10 +185,6 @@ def fit_baseline(
 
     Args:
         judging: validation logs; None holds blocks out.
-
-    Raises:
-        DataError: several inputs meet several outputs in another number.
-        ModelError: the base cannot be fitted.
     """
     on_rate = integrates(LogFacts.of(data).records)
     parts = _divided_rates(data, judging) if on_rate else divided(data, judging)
@@ -276,10 +272,6 @@ def given_base(
     Its free run is taken apart into a first-order core per track and the drive that makes this
     core run like the model; effects act on that drive and core, so that without effects the
     chain is the model.
-
-    Raises:
-        DataError: channels do not fit the model.
-        ModelError: the model cannot be simulated on this log.
     """
     parts = divided(data, judging)
     estimation = parts.estimation

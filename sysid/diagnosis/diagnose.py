@@ -152,11 +152,7 @@ def _require_enough(estimation: Sequence[Record], holdout: Sequence[Record] | No
 
 
 def require_apart(estimation: Sequence[Record], holdout: Sequence[Record]) -> None:
-    """Refuse validation logs that equal an estimation log.
-
-    Raises:
-        UsageError: a validation log is also an estimation log.
-    """
+    """Refuse validation logs that equal an estimation log."""
     for r in holdout:
         if any(shares_samples(r, e) for e in estimation):
             raise UsageError(

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from sysid.criteria.verdicts import ResidualReport
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
@@ -277,6 +278,8 @@ class Diagnosis:
             measurements; empty elsewhere.
         excess_error: size of the errors of the augmented model beyond the noise, where they are
             structured: what has no name.
+        tests: residual tests of the augmented model on the estimation data, as `compare` shows
+            them; None where nothing was added or its errors on held-out data are structured anyway.
     """
 
     verdict: str
@@ -306,6 +309,7 @@ class Diagnosis:
     undecided: str = ""
     rejected: tuple[RejectedEffect, ...] = ()
     excess_error: ExcessError | None = None
+    tests: ResidualReport | None = None
     reading: tuple[str, ...] = ()
     shapes: tuple[FoundShape, ...] = ()
     curves: tuple[FoundShape, ...] = ()

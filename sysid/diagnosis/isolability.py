@@ -80,12 +80,7 @@ class Isolability:
 
 
 def isolability(records: Sequence[Record] | LogFacts) -> Isolability:
-    """Which effects would show on logs, and which of these could be distinguished.
-
-    Raises:
-        DataError: the logs cannot serve a diagnosis.
-        ModelError: the baseline cannot be fitted.
-    """
+    """Which effects would show on logs, and which of these could be distinguished."""
     searched = searched_on(LogFacts.of(records).records, None, given=False)
     base = fit_baseline(searched.facts, None, chain_effects())
     return isolability_of(base)

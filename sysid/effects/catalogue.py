@@ -95,9 +95,6 @@ def catalogue() -> dict[str, Effect]:
     """Effects that have a step, by id; other packages add theirs as ``sysid.effects``.
 
     Quantisation, held telemetry and dropouts are read off the samples and have no step.
-
-    Raises:
-        UsageError: an effect of another package cannot be used.
     """
     effects = {e.id: e for stage in STAGES for e in stage.EFFECTS}
     for point in points("sysid.effects").values():
@@ -113,11 +110,7 @@ def catalogue() -> dict[str, Effect]:
 
 
 def effect(id: str) -> Effect:
-    """The effect called ``id``, what differs between logs and how they were made included.
-
-    Raises:
-        UsageError: there is none of that name.
-    """
+    """The effect called ``id``, what differs between logs and how they were made included."""
     if id in NOT_NAMED:
         return NOT_NAMED[id]
     if id not in catalogue():

@@ -76,9 +76,6 @@ class Ground:
             omega: wheel speeds, left and right in the last axis, (…, 2) [rad/s]; where the ground
                 ``remembers``, a record (N, 2), which begins in steady motion.
             dt: sample time [s], for a ground that remembers.
-
-        Raises:
-            UsageError: the ground remembers, and no sample time is given.
         """
         if self.remembers and not dt > 0.0:
             raise UsageError(

@@ -33,12 +33,7 @@ class Measured:
 
 
 def read_measured(path: str | Path) -> dict[str, Measured]:
-    """The measured parameters of a file that ``bench power`` wrote.
-
-    Raises:
-        UsageError: there is no such file.
-        DataError: it is no such file.
-    """
+    """The measured parameters of a file that ``bench power`` wrote."""
     path = Path(path)
     try:
         document = documents.parsed(contents(path))

@@ -79,9 +79,6 @@ def on_all_rows(
         identification: what the stretches gave.
         facts: of the stretches.
         rows: read at once.
-
-    Raises:
-        DataError: a block cannot be read as the stretches were.
     """
     every = AllRows(log, facts.records[0].dt, rows)
     label = f"{log.path.name}, all rows"

@@ -190,11 +190,7 @@ def _searched(entry: Entry) -> dict[str, Any]:
 def require_enough(
     inside: Sequence[Record], outside: Sequence[Record], split: float | None
 ) -> None:
-    """Refuse a split that leaves one of its parts too short to fit on or to judge on.
-
-    Raises:
-        DataError: a part has fewer than MIN_SAMPLES samples.
-    """
+    """Refuse a split that leaves one of its parts too short to fit on or to judge on."""
     if split is None:
         return
     parts = ((sum(map(len, inside)), "fit on"), (sum(map(len, outside)), "judge on"))
@@ -218,11 +214,7 @@ def shares_samples(a: Record, b: Record) -> bool:
 
 
 def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> None:
-    """Refuse validation records that are estimation records too, whatever their files are called.
-
-    Raises:
-        UsageError: one is.
-    """
+    """Refuse validation records that are estimation records too, whatever the file names."""
     for r in validation:
         for e in records:
             if shares_samples(r, e):

@@ -137,12 +137,7 @@ def offsets_of(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets
 
 
 def check_records(structure: Structure, records: Sequence[Record]) -> None:
-    """Refuse records that no fit can use.
-
-    Raises:
-        DataError: none, unequal channels or sample times, numbers that are not finite, or a
-            channel that never changes.
-    """
+    """Refuse records that no fit can use."""
     if not records:
         raise DataError("no record to fit; give at least one log")
     first = records[0]
@@ -155,12 +150,7 @@ def check_records(structure: Structure, records: Sequence[Record]) -> None:
 
 
 def check_data(records: Sequence[Record]) -> None:
-    """Refuse records that no structure can be fitted to.
-
-    Raises:
-        DataError: unequal channels or sample times, numbers that are not finite, or a channel
-            that never changes.
-    """
+    """Refuse records that no structure can be fitted to."""
     first = records[0]
     require_same_kind(records, first)
     for r in records:

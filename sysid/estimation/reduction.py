@@ -44,12 +44,7 @@ class Reduction:
 
 
 def reduced(model: Model, order: int) -> Reduction:
-    """A linear model truncated to ``order`` states.
-
-    Raises:
-        ModelError: it is not linear or not stable, or its outputs do not show the states evenly.
-        UsageError: the order is not between the number of outputs and its own.
-    """
+    """A linear model truncated to ``order`` states."""
     from scipy.linalg import solve_discrete_lyapunov
 
     structure = model.structure

@@ -77,9 +77,6 @@ def in_state_space(model: Model, matrices: Matrices, dt: float, noise: Array, wo
 
     Args:
         noise: covariance of the innovations, (ny, ny).
-
-    Raises:
-        ModelError: the outputs do not show the states evenly.
     """
     A, B, C, D, K = matrices
     made = StateSpace((), B.shape[1], len(C), len(A), 0 if np.any(D) else 1, bool(np.any(K)))
@@ -127,11 +124,7 @@ def _of_hankel(now: Array, after: Array, ny: int, nu: int) -> tuple[Array, Array
 
 
 def filtered(A: Array, C: Array, Q: Array, S: Array, R: Array) -> tuple[Array, Array]:
-    """K and Λ of x⁺ = A x + w, y = C x + v, with covariances Q of w, R of v, and S = E w vᵀ.
-
-    Raises:
-        ModelError: no filter forgets how it began.
-    """
+    """K and Λ of x⁺ = A x + w, y = C x + v, with covariances Q of w, R of v, and S = E w vᵀ."""
     from scipy.linalg import solve_discrete_are
 
     try:
@@ -144,13 +137,7 @@ def filtered(A: Array, C: Array, Q: Array, S: Array, R: Array) -> tuple[Array, A
 
 
 def resampled(model: Model, dt: float) -> Model:
-    """A linear model at sample time ``dt`` [s]: the same outputs at instants that both have.
-
-    Raises:
-        ModelError: it is not linear, or has no continuous counterpart and dt is no whole multiple,
-            or its noise model has a zero on the unit circle.
-        UsageError: dt is not positive.
-    """
+    """A linear model at sample time ``dt`` [s]: the same outputs at instants that both have."""
     from scipy.linalg import expm
 
     structure = model.structure

@@ -263,11 +263,7 @@ def _starts(structure: Any, response: FrequencyResponse, sigma: Array) -> list[A
 
 
 def _of_subspace(structure: StateSpace, response: FrequencyResponse, sigma: Array) -> Array:
-    """θ of matrices.
-
-    Raises:
-        DataError: the response does not show so many states.
-    """
+    """θ of matrices."""
     assert response.sample_time is not None
     w = response.w * response.sample_time
     found = from_response(response.value, sigma, w, structure.n, structure.nk == 0)

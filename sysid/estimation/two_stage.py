@@ -181,12 +181,7 @@ def without_feedback(facts: LogFacts) -> LogFacts | None:
 
 
 def as_asked(facts: LogFacts, method: Method) -> LogFacts:
-    """Facts of the records with û for u, by the method that was asked for.
-
-    Raises:
-        UsageError: the log holds no reference, from which two stages begin.
-        DataError: the inputs follow too little from what was to explain them.
-    """
+    """Facts of the records with û for u, by the method that was asked for."""
     way = method.value
     if method is Method.TWO_STAGE and any(r.references is None for r in facts.records):
         raise UsageError(
@@ -232,8 +227,7 @@ def _covariance(model: Model, logged: Sequence[Record], seen: Sequence[Record]) 
     slopes, errors, stretches = [], [], []
     for r, x in zip(logged, map(model.detrend.remove, seen), strict=True):
         left = model.residuals(r)
-        for i in range(s.ny):
-            J = s.gradient_columns(theta, x.u, x.y, i)[:, free]
+        for i, J in enumerate(s.gradients(theta, x.u, x.y)[:, :, free]):
             levels = np.tile(np.eye(s.ny)[i], (len(r), 1))
             kept = np.isfinite(left[:, i]) & (np.arange(len(r)) >= s.first_sample())
             slopes.append(np.hstack([J, levels])[kept])

@@ -24,11 +24,7 @@ from sysid.structures.model import Model
 
 
 def loop_of(model: Model, mission: Mission) -> Loop:
-    """The loop that ``simulate`` would run.
-
-    Raises:
-        ModelError: the plant drives no robot, or lacks what a law needs.
-    """
+    """The loop that ``simulate`` would run."""
     robot, _ = as_robot(model.plant(), mission)
     scene, drive = scene_of(mission, robot), shaper_of(mission, robot)
     return closed_loop(mission, robot, scene, floats, drive)

@@ -45,9 +45,6 @@ def refined_instruments(problem: Problem, p0: Array, how: Descent) -> Solution:
         problem: a ``Regression``.
         p0: start, entries that are held included.
         how: what is free, bounds, limit and tolerance.
-
-    Raises:
-        UsageError: the problem is none.
     """
     if not isinstance(problem, Regression):
         raise UsageError("`method='sriv'` knows no weights of single samples: omit `method`")

@@ -117,9 +117,6 @@ def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Prob
 
     Args:
         more: residuals after those of the data, which count fully.
-
-    Raises:
-        DataError: the residuals are not those of the records from some sample on.
     """
     if all(r.weights is None for r in records):
         return problem

@@ -68,9 +68,6 @@ def by_multi_start(
     3. Rung by rung, mechanisms of the structure's ladder are kept where a free run over held-out
        samples errs significantly less with them.
     4. The last descent sees all samples.
-
-    Raises:
-        ModelError: no start gives a finite cost.
     """
     setting, guesses, free = prepared(structure, records, options, parameters, initial_guesses)
     structure = setting.structure

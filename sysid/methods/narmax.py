@@ -53,10 +53,6 @@ def proposed(
        Noise terms follow by extended least squares.
 
     With ``selection=err`` and prediction focus only step 1 and least squares are used.
-
-    Raises:
-        UsageError: parameters are fixed or bounded while the terms are still to be chosen.
-        DataError: too few samples.
     """
     assert isinstance(structure, NARMAX)
     _check(structure, options)

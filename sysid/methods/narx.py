@@ -52,11 +52,6 @@ def proposed(
     3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
        all data: by least squares and, where refinement won, on free runs, at last all outputs
        together within bounds.
-
-    Raises:
-        UsageError: parameters are fixed or bounded, or an option cannot be served.
-        DataError: too few samples.
-        ModelError: no map has a finite free run.
     """
     assert isinstance(structure, NarxWavelet)
     _check(structure, records, options)

@@ -25,9 +25,6 @@ def method_of(structure: Structure) -> Method:
 
     A package that brings a structure may bring its method, a ``Method`` under the structure's name
     in the entry-point group ``sysid.methods``.
-
-    Raises:
-        UsageError: that entry point is no method.
     """
     cls = type(structure)
     if not cls.__module__.startswith("sysid."):

@@ -101,11 +101,7 @@ def _fit(report: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def from_text(text: bytes, where: str) -> dict[str, Any]:
-    """Read plant.json as far as its schema.
-
-    Raises:
-        ModelError: it is not JSON, or of another schema.
-    """
+    """Read plant.json as far as its schema."""
     try:
         raw = documents.parsed(text)
     except ValueError as error:
@@ -168,9 +164,6 @@ def to_model(raw: Mapping[str, Any], where: str) -> Model:
     """The model of a package: what it runs like, and how well its parameters are known.
 
     Its noise is zero and it has no criteria; packages of older versions have no covariance either.
-
-    Raises:
-        ModelError: the description is damaged, or its structure is not known here.
     """
     try:
         file = checked(_PlantFile, raw, others=True)

@@ -113,9 +113,6 @@ def assembled(
         described: what plant.json says of it, see ``description.describe``.
         files: what exporters wrote, by name inside the package.
         usage: how to use these files, Markdown for the model card.
-
-    Raises:
-        ModelError: a name leads out of the package.
     """
     outside = [name for name in files if not _is_inside(name)]
     if outside:
@@ -154,10 +151,6 @@ def write(path: str | Path, files: Files) -> Path:
     """Write a package as a folder, or as one zip where ``path`` ends in ``.zip``.
 
     It appears whole or not at all, and replaces a package that is there already.
-
-    Raises:
-        UsageError: something that is no package stands at ``path``.
-        DataError: the place cannot be written.
     """
     path = Path(path)
     try:
@@ -181,19 +174,11 @@ class Package:
     notes: tuple[str, ...] = ()
 
     def plant(self) -> Plant:
-        """The plant, made through the registry of structures.
-
-        Raises:
-            ModelError: the description is damaged, or its structure is not known here.
-        """
+        """The plant, made through the registry of structures."""
         return self.model().plant()
 
     def model(self) -> Model:
-        """The model, to be run on logs or drawn many times within its standard errors.
-
-        Raises:
-            ModelError: the description is damaged, or its structure is not known here.
-        """
+        """The model, to be run on logs or drawn many times within its standard errors."""
         return description.to_model(self.description, self.where)
 
 
@@ -204,10 +189,6 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
 
     Args:
         accept_changes: take a package whose content was changed after the export, with a note.
-
-    Raises:
-        ModelError: there is no package, it is damaged or of another schema, or its content was
-            changed and that is not accepted.
     """
     described = read_description(path)
     if KEY not in described:
@@ -227,11 +208,7 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
 
 
 def files_of(path: str | Path) -> Files:
-    """The files of a package that its hash covers, and plant.json.
-
-    Raises:
-        ModelError: there is no package, it is damaged, holds what it does not list, or too much.
-    """
+    """The files of a package that its hash covers, and plant.json."""
     path = Path(path)
     described = read_description(path)
     covered = _covered(described, str(path))
@@ -260,11 +237,7 @@ def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
 
 
 def read_description(path: str | Path) -> dict[str, Any]:
-    """The content of a package's plant.json, its hash not compared.
-
-    Raises:
-        ModelError: there is no package, or it is damaged or of another schema.
-    """
+    """The content of a package's plant.json, its hash not compared."""
     return description.from_text(read_member(Path(path), MARK), str(path))
 
 

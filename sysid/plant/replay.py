@@ -87,9 +87,6 @@ def replay(plant: Plant, record: Record) -> Replay:
 
     Args:
         record: a log with the plant's inputs and outputs.
-
-    Raises:
-        ModelError: channels or sample time differ, or the plant runs away.
     """
     record = _in_units(record, plant)
     if abs(record.dt - plant.dt) > 1e-2 * plant.dt:

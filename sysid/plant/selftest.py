@@ -114,11 +114,7 @@ def _header(plant: Plant | Model) -> list[str]:
 
 
 def read_csv(text: bytes, plant: Plant, where: str) -> SelfTest:
-    """Undo :func:`to_csv`.
-
-    Raises:
-        ModelError: columns or numbers are missing, or a number is not finite.
-    """
+    """Undo :func:`to_csv`."""
     damaged = f"{where}: {NAME} is damaged; export the plant again"
     try:
         header, *rows = csv.reader(io.StringIO(text.decode("utf-8")))
@@ -148,10 +144,6 @@ def selftest(path: str | Path) -> float:
 
     Returns:
         max |y − y_expected| over all rows and outputs, in the outputs' units.
-
-    Raises:
-        ModelError: the package is damaged, or an error is beyond TOLERANCE relative to the largest
-            deviation of its output.
     """
     path = Path(path)
     plant = to_model(from_text(read_member(path, MARK), str(path)), str(path)).plant()

@@ -33,10 +33,6 @@ def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
 
     Args:
         known: names a package may hold; other files in a folder belong to somebody else.
-
-    Raises:
-        UsageError: something that is no package stands at ``path``.
-        DataError: the place cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() == ".zip":
@@ -69,11 +65,7 @@ def zip_bytes(files: Files) -> bytes:
 
 
 def read_member(path: Path, name: str) -> bytes:
-    """One file of a package; zips are read in memory, nothing is ever unpacked onto the disk.
-
-    Raises:
-        ModelError: there is no package or no such file in it, or it cannot be read.
-    """
+    """One file of a package; zips are read in memory, nothing is ever unpacked onto the disk."""
     with _opened(Path(path)) as package:
         if name not in package:
             raise ModelError(
@@ -83,11 +75,7 @@ def read_member(path: Path, name: str) -> bytes:
 
 
 def read_members(path: Path, names: Iterable[str]) -> Files:
-    """Those of the files of a package that are there, by name.
-
-    Raises:
-        ModelError: a file is there and cannot be read, or they hold too much.
-    """
+    """Those of the files of a package that are there, by name."""
     read: dict[str, bytes] = {}
     with _opened(Path(path)) as package:
         for name in (n for n in names if n in package):
@@ -98,11 +86,7 @@ def read_members(path: Path, names: Iterable[str]) -> Files:
 
 
 def names_in(path: Path) -> frozenset[str]:
-    """Names of all files that lie in a zip, whatever its description says.
-
-    Raises:
-        ModelError: it cannot be read.
-    """
+    """Names of all files that lie in a zip, whatever its description says."""
     with _opened(Path(path)) as package:
         return frozenset(n for n in package.names() if not n.endswith("/"))
 

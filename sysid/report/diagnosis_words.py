@@ -252,13 +252,18 @@ def worst_sentence(result: Diagnosis) -> str:
     )
 
 
-def left_sentence(result: Diagnosis) -> str:
-    """What is left of the error beyond the noise; empty where nothing was added."""
+def left_sentence(result: Diagnosis, marks: str = "") -> str:
+    """What is left of the error beyond the noise; empty where nothing was added.
+
+    Args:
+        marks: the residual tests that the augmented model fails, as `compare` marks them.
+    """
     if not result.grown:
         return ""
     rest = 100.0 - result.gap.closed_percent
-    if rest < DONE:
-        return f"Left: less than {DONE:g} % of the error beyond the noise: done"
+    if result.excess_error is None and rest < DONE:
+        end = f"; residuals: {marks}" if marks else ": done"
+        return f"Left: less than {DONE:g} % of the error beyond the noise{end}"
     if result.excess_error is None:
         return f"Left: {percent(rest)} of the excess error, which looks like noise"
     outputs = result.excess_error.outputs
@@ -270,7 +275,8 @@ def left_sentence(result: Diagnosis) -> str:
     )
     unit = f" {units[0]}" if len(units) == 1 and units[0] else ""
     mostly = f", mostly {place}" if where else ""
-    return f"Left: {percent(rest)}{mostly}; {sizes}{unit} RMS"
+    share = f"less than {DONE:g} %, but no noise" if rest < DONE else percent(rest)
+    return f"Left: {share}{mostly}; {sizes}{unit} RMS"
 
 
 def effect_table(result: Diagnosis) -> tuple[list[str], list[list[str]]]:

@@ -261,12 +261,7 @@ OF_LINEAR = ("bode", "nyquist", "poles")
 
 
 def panels_of(what: str, shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
-    """The panels of a word.
-
-    Raises:
-        UsageError: there is no such word, or it needs a log.
-        ModelError: a model has nothing of the kind.
-    """
+    """The panels of a word."""
     if what not in WHAT:
         raise UsageError(f"{what!r} cannot be plotted; choose one of {', '.join(WHAT)}")
     if what in NEEDS_LOG and not records:

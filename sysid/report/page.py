@@ -86,11 +86,7 @@ class Page:
 
 
 def stored_page(path: Path) -> Page:
-    """A page as ``documents.text`` has written it.
-
-    Raises:
-        DataError: there is none, or it is damaged.
-    """
+    """A page as ``documents.text`` has written it."""
     from sysid.data.files import contents
 
     try:

@@ -42,11 +42,7 @@ _PNG_DPI = 200
 
 
 def picture_format(path: Path) -> PictureFormat:
-    """The format a file name asks for; call it before a long fit to refuse early.
-
-    Raises:
-        UsageError: the name ends neither in ``.svg``, ``.png`` nor ``.pdf``.
-    """
+    """The format a file name asks for; call it before a long fit to refuse early."""
     for kind in get_args(PictureFormat):
         if path.suffix.lower() == f".{kind}":
             return kind  # type: ignore[no-any-return]
@@ -56,11 +52,7 @@ def picture_format(path: Path) -> PictureFormat:
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Draw a picture of any kind into a file.
-
-    Raises:
-        UsageError: the suffix of ``path`` is none of a picture.
-    """
+    """Draw a picture of any kind into a file."""
     write_atomic(path, _render(picture_format(path), picture.draw))
 
 

@@ -92,8 +92,8 @@ class Structure(ABC):
         return y - self.errors(theta, u, y, window)
 
     @abstractmethod
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, n), zero rows where NaN."""
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        """∂ŷ/∂θ of the one-step predictions on a record, (ny, N, n), zero rows where NaN."""
 
     @abstractmethod
     def equations(

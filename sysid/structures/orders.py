@@ -71,11 +71,7 @@ class Orders:
 
 
 def parse_orders(text: str) -> dict[str, int | list[list[int]]]:
-    """Read ``"na=2 nb=2 nk=1"``; matrices as ``na=1,0;0,1`` (rows by ``;``).
-
-    Raises:
-        UsageError: the text is not of that form, or an order is negative or absurdly large.
-    """
+    """Read ``"na=2 nb=2 nk=1"``; matrices as ``na=1,0;0,1`` (rows by ``;``)."""
     orders: dict[str, int | list[list[int]]] = {}
     for item in text.split():
         name, sign, value = item.partition("=")
@@ -107,9 +103,6 @@ def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Or
 
     A scalar na stands on the diagonal, the other scalars in every entry. nk defaults to 1; the
     structure's other orders must be given.
-
-    Raises:
-        UsageError: an order is missing, does not belong to the structure or has a wrong shape.
     """
     needed = [f"n{letter}" for letter in letters]
     known = [*needed, "nk"]

@@ -66,12 +66,7 @@ def structure_classes() -> dict[str, type[NamedStructure]]:
 
 
 def structure_class(name: str) -> type[NamedStructure]:
-    """The structure called ``name`` (case does not matter), or of a file of equations.
-
-    Raises:
-        UsageError: there is none of that name.
-        DataError: the file cannot be read.
-    """
+    """The structure called ``name`` (case does not matter), or of a file of equations."""
     if name.endswith(FILE_ENDINGS):
         from sysid.structures.grey_box.file.structure import structure_of_file
 
@@ -131,9 +126,6 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
     """Undo ``structure_to_json``.
 
     What was read must be written alike: no setting is passed over, none taken for another kind.
-
-    Raises:
-        ModelError: the description is damaged.
     """
     try:
         described = checked(_Described, raw, others=True)
@@ -168,11 +160,7 @@ def _holds(written: Any, raw: Any) -> bool:
 
 
 def require_readable(structure: Structure) -> None:
-    """Refuse to write what would be read as another structure; ours are tested for that.
-
-    Raises:
-        ModelError: ``from_json`` of a structure of another package loses what it wrote.
-    """
+    """Refuse to write what would be read as another structure; ours are tested for that."""
     if type(structure).__module__.startswith("sysid."):
         return
     written = structure_to_json(structure)

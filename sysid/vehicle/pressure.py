@@ -76,11 +76,7 @@ class Pressure:
         return Pressure(self.distribution, -self.centre, self.wheels, self.depth)
 
     def check(self, length: float) -> None:
-        """Refuse a load that a track of this length [m] cannot carry like this.
-
-        Raises:
-            ModelError: the load lies beyond the track, or a road wheel would have to pull.
-        """
+        """Refuse a load that a track of this length [m] cannot carry like this."""
         if self.distribution == Distribution.LINEAR and not abs(self.centre) < 0.5 * length:
             raise ModelError(
                 f"the load lies {self.centre} m from the middle of a track of {length} m: it must "

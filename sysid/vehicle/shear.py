@@ -151,9 +151,6 @@ def thrust(
 
     Returns:
         F [N].
-
-    Raises:
-        ModelError: the load cannot be spread like this on this length.
     """
     if pressure is None or pressure.distribution == Distribution.UNIFORM:
         return uniform_thrust(soil, load, slip, length, width, xp)

@@ -125,11 +125,7 @@ class Workspace:
                 settle(folder)
 
     def save(self, model: "Model", report: Mapping[str, Any]) -> StoredModel:
-        """Store a model; saving the same model again replaces its report and makes it the newest.
-
-        Raises:
-            UsageError, DataError: the workspace cannot be written.
-        """
+        """Store a model; the same model again replaces its report and becomes the newest."""
         from sysid.data.files import write_atomic
 
         described = model.to_json()
@@ -146,12 +142,7 @@ class Workspace:
         return stored
 
     def load(self, id: str) -> StoredModel:
-        """The model called ``id``, or the only one whose id begins like that.
-
-        Raises:
-            UsageError: there is none or there are several; the sentence lists them.
-            ModelError: its file is damaged.
-        """
+        """The model called ``id``, or the only one whose id begins like that."""
         ids = self._ids()
         matches = [i for i in ids if i == id] or [i for i in ids if id and i.startswith(id)]
         if len(matches) == 1:
@@ -168,9 +159,6 @@ class Workspace:
     def readable(self) -> tuple[list[StoredModel], dict[str, str]]:
         """The models in the order of saving, and id → why of those that cannot be read: a damaged
         file, or a structure of a package that is not installed.
-
-        Raises:
-            ModelError: none can be read; the sentence names the first.
         """
         models: list[StoredModel] = []
         unreadable: dict[str, ModelError] = {}
@@ -211,10 +199,6 @@ class Workspace:
 
         That is ``id`` if it is given; else the newest of these: the winner of the last fit, the
         best of the last comparison, what the last diagnosis made. Removed ones are passed over.
-
-        Raises:
-            ModelError: the workspace is empty.
-            UsageError: there is no model ``id``.
         """
         if id is not None:
             return self.load(id)

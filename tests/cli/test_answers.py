@@ -10,7 +10,8 @@ from sysid_cli.answer import LINES, Answer
 from sysid_cli.render import column_widths
 
 LOGS = Path(sysid_datasets.__file__).parent / "devastator"
-NAMES = ("forward_back", "multilevel", "multisine", "prbs", "rotation")
+NAMES = ("forward_back", "multisine", "rotation")
+"""README.md has the answers on the other bundled logs, and its test looks at their size."""
 
 
 def assert_fits_a_screen(out: str, err: str) -> None:
@@ -41,11 +42,6 @@ def test_a_fit_with_a_search(name: str, tmp_path: Path, capsys: Capture) -> None
     judged = ("--val", LOGS / f"{name}_val.csv", "--workspace", tmp_path)
     answered = run(capsys, "fit", LOGS / f"{name}.csv", *judged)
     assert_fits_a_screen(answered.out, answered.err)
-    if name == "prbs":  # bj has the same fit on held-out data, and eight parameters more
-        assert "* oe     nb=2 nf=3 nk=1              20 " in answered.out
-        assert "fewest parameters (20) among models tied on held-out data" in (
-            answered.out.replace("\n", " ")
-        )
 
 
 @pytest.mark.slow

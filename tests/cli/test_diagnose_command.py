@@ -18,8 +18,10 @@ from quick_diagnosis import dead_zone_log
 from scipy.signal import lfilter
 from sysid_cli.diagnose_files import write_results
 
+from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.data.io import read_log
 from sysid.diagnosis.diagnosis import Diagnosis
+from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.workspace.logs import StoredData
 from sysid.workspace.store import Workspace
 
@@ -240,6 +242,41 @@ def test_the_answer_fits_a_screen(
         assert re.search(r"1 dead-zone +omega_l +plus 0.200 \(0.198–0.202\) drive", told.out)
         assert "× 10" in told.out
         assert "\nLeft: less than 1 % of the error beyond the noise: done\n" in told.out
+
+
+@pytest.mark.parametrize(
+    ("p", "excess", "left"),
+    [
+        (0.5, None, "of the error beyond the noise: done"),
+        (1e-9, None, "of the error beyond the noise; residuals: input FAIL"),
+        (0.5, 0.07, "but no noise"),
+    ],
+)
+def test_done_is_said_of_a_model_that_compare_passes(
+    p: float, excess: float | None, left: str, here: Path, capsys: Capture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    def stub(*given: Any, **facts: Any) -> Diagnosis:
+        kinds = [
+            ResidualTest(k, "omega", 9.0, 3, p, p > 0.01, 0.99, 1, "u", k == "independence", "…")
+            for k in ("whiteness", "independence", "feedback")
+        ]
+        beyond = excess and ExcessError((("omega", "rad/s", excess, 1.0),))
+        tests = ResidualReport((kinds[0],), (kinds[1],), (kinds[2],), 0.99)
+        return replace(
+            quick_diagnosis.diagnose(*given, **facts),
+            tests=None if beyond else tests,
+            excess_error=beyond or None,
+        )
+
+    no_page(monkeypatch)
+    monkeypatch.setattr(sys.modules["sysid.diagnosis.diagnose"], "diagnose", stub)
+    said = run(capsys, "diagnose", "log.csv", "--val", "other.csv").out
+    assert f"\nLeft: less than 1 %{', ' if excess else ' '}{left}" in said
+    if not excess:
+        after = Workspace(here / ".sysid").load(diagnosed(capsys)["augmented_model"])
+        assert after.report["residuals"]["passed"] == (p > 0.01)
+        assert ("input FAIL" in run(capsys, "compare").out) == (p < 0.01)
 
 
 @pytest.mark.slow

@@ -4,6 +4,8 @@ Each entry writes its files from a seed and knows what a person would type first
 has to say about the log, and what the fit has to find. Gains are in the units of the file.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from log_files import (
     alone,
@@ -40,7 +42,7 @@ from persons_catalogue import PERSONS
 MOTOR = {("u", "y"): 150.0}
 RPM = ("volt", "rpm")
 
-CATALOGUE: tuple[OddLog, ...] = (
+FILES: tuple[OddLog, ...] = (
     # clocks
     OddLog("millis", clocked("millis", 1e-3, 5.0), gains=MOTOR),
     OddLog(
@@ -126,6 +128,11 @@ CATALOGUE: tuple[OddLog, ...] = (
         gains={("pwm_l", "omega_l"): 10.0 / 20000.0},
         says="deg",
     ),
+)
+"""What is odd about the file alone."""
+
+CATALOGUE: tuple[OddLog, ...] = (
+    *(replace(log, read_only=True) for log in FILES),
     # counters and slow sensors
     OddLog(
         "16-bit counter",

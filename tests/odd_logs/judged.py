@@ -34,7 +34,9 @@ class Verdict:
     gains: tuple[tuple[str, float, float, float], ...] = ()
 
 
-def judge(log: OddLog, seed: int, folder: Path, printed: Callable[[], Any]) -> Verdict:
+def judge(
+    log: OddLog, seed: int, folder: Path, printed: Callable[[], Any], fitted: str = ""
+) -> Verdict:
     """Run the commands on one log made from a seed.
 
     Args:
@@ -42,6 +44,7 @@ def judge(log: OddLog, seed: int, folder: Path, printed: Callable[[], Any]) -> V
         seed: of its random numbers.
         folder: where its files go; the current folder.
         printed: returns and forgets what was printed since it was called last: (out, err).
+        fitted: options of ``fit`` where the log asks for none.
     """
     path = log.make(np.random.default_rng([seed, len(log.name)]), folder)
     line = [str(path), *shlex.split(log.options)]
@@ -51,7 +54,8 @@ def judge(log: OddLog, seed: int, folder: Path, printed: Callable[[], Any]) -> V
     said = "\n".join(printed())
     faults += _spoken("inspect", said, code, log.inspected, log.says, log.never)
     workspace = ["--workspace", str(folder / "ws")]
-    code = main(["fit", *line, *shlex.split(log.fit_options), *workspace, "--full"])
+    options = shlex.split(log.fit_options or fitted)
+    code = main(["fit", *line, *options, *workspace, "--full"])
     told = Streams(*printed())
     faults += _spoken("fit", "\n".join(told), code, log.code, log.fit_says, log.never)
     gains: tuple[tuple[str, float, float, float], ...] = ()

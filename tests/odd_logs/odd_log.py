@@ -24,6 +24,8 @@ class OddLog:
         inspected: exit code of ``inspect``.
         diagnosis: patterns of which ``diagnose`` has to print the first, and not the others.
         slow: whether it is left to the study.
+        read_only: whether its file is odd and not its machine, so that the tests fit one structure
+            to it; the study lets the fit choose.
     """
 
     name: str
@@ -38,3 +40,4 @@ class OddLog:
     inspected: int = 0
     diagnosis: tuple[str, ...] = ()
     slow: bool = False
+    read_only: bool = False

@@ -124,7 +124,13 @@ PERSONS: tuple[OddLog, ...] = (
     ),
     OddLog("fan", fan, "--ts 0.25", slow=True),
     *(
-        OddLog(f"as {c}", contained(c), gains=GAINS.get(c, MOTOR), slow=c in UNREAD)
+        OddLog(
+            f"as {c}",
+            contained(c),
+            gains=GAINS.get(c, MOTOR),
+            slow=c in UNREAD,
+            read_only=True,
+        )
         for c in CONTAINERS
     ),
 )

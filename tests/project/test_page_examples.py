@@ -1,10 +1,12 @@
 """Pages open with an example that runs as printed, after ``sysid demo`` in a fresh folder."""
 
+import re
 from pathlib import Path
 
 import page_examples
 import pytest
 from sysid_cli import render
+from sysid_cli.answer import LINES
 from sysid_cli.app import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,6 +82,9 @@ def test_every_page_opens_with_an_example_or_says_why_not() -> None:
         assert any(page_examples.examples(docs / f"{page}.md", opening=True)), page
 
 
+ANSWERED = re.compile(r"sysid (fit|diagnose|compare) (?!.*--(full|json))")
+"""Commands whose answers fit a screen."""
+
 SHOWN = [
     *((page, False, long) for page, long in PAGES.items()),
     *((f"docs/{page}.md", True, long) for page, long in OPENINGS.items()),
@@ -105,6 +110,9 @@ def test_a_page_runs_as_printed(
         lines = page_examples.printed(example)
         part = page_examples.missing(example.shown, lines)
         assert not part, "\n".join([f"$ {example.line}", *lines, "--- lacks", *part])
+        if ANSWERED.match(example.line):
+            assert len(lines) <= LINES, "\n".join(lines)
+            assert max(map(len, lines)) <= 80, max(lines, key=len)
 
 
 def test_the_readme_is_short_and_the_tour_is_the_demo() -> None:

@@ -193,7 +193,7 @@ def test_every_way_to_run_an_example_gives_the_same(name: str) -> None:
     for row, expected in zip(u, whole, strict=True):
         x, y = step(x, row)
         assert y == pytest.approx(expected, abs=1e-12)  # the same operations in another order
-    columns = s.gradient_columns(theta, u, whole, 0)
+    columns = s.gradients(theta, u, whole)[0]
     for k in np.flatnonzero([c.free for c in s.physics.constants]):
         size = 1e-6 * max(abs(theta[k]), 1.0)
         ends = [s.simulate(theta + side * size * np.eye(len(theta))[k], u, x0) for side in (1, -1)]

@@ -68,7 +68,7 @@ def test_gradient_of_the_prediction_is_that_of_the_errors(name: str) -> None:
     system = SYSTEMS[name]
     record, structure = system.record(60, 0.5), system.model_structure
     for i in range(system.ny):
-        columns = structure.gradient_columns(system.truth, record.u, record.y, i)
+        columns = structure.gradients(system.truth, record.u, record.y)[i]
         for k in range(len(system.theta)):
             d = np.zeros(len(system.theta))
             d[k] = 1e-5

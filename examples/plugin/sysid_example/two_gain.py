@@ -136,19 +136,19 @@ class TwoGain(NamedStructure, Searchable):
         """Before it past outputs are missing."""
         return self.na
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ: the regressors themselves; zero where they are missing."""
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        """∂ŷ/∂θ, (1, N, n): the regressors themselves; zero where they are missing."""
         out = np.zeros((len(y), self.na + 2))
         n = self.na
         if len(y) > n:
             past = [y[n - k : len(y) - k, 0] for k in range(1, n + 1)]
             held = u[n - 1 : -1, 0]
             out[n:] = np.column_stack([*past, np.maximum(held, 0.0), np.minimum(held, 0.0)])
-        return out
+        return out[None]
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """y − ŷ one step ahead; NaN where past outputs are missing."""
-        e = y - (self.gradient_columns(theta, u, y, 0) @ theta)[:, None]
+        e = y - (self.gradients(theta, u, y)[0] @ theta)[:, None]
         e[: self.na] = np.nan
         return e
 
@@ -254,7 +254,7 @@ class _Errors(Problem):
             y = r.y
             if self.focus is Focus.SIMULATION:
                 y = s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, n))
-            columns = s.gradient_columns(theta, r.u, y, 0)[n:]
+            columns = s.gradients(theta, r.u, y)[0, n:]
             found.append((columns @ theta, columns))
         return found
 
@@ -276,7 +276,7 @@ class _Errors(Problem):
 def _solved(s: TwoGain, records: Sequence[Record]) -> Array:
     """θ by linear least squares over all records."""
     n, unused = s.na, np.zeros(s.na + 2)
-    columns = [s.gradient_columns(unused, r.u, r.y, 0)[n:] for r in records]
+    columns = [s.gradients(unused, r.u, r.y)[0, n:] for r in records]
     measured = [r.y[n:, 0] for r in records]
     found = np.linalg.lstsq(np.concatenate(columns), np.concatenate(measured), rcond=None)
     return np.asarray(found[0])

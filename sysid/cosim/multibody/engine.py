@@ -102,9 +102,6 @@ class Engine:
             state: ``start``, or what a call of this gave.
             controls: for each step, what both actuators are given, (steps, 2).
             t: time at the end [s]; obstacles that move stand there.
-
-        Raises:
-            ModelError: the engine has lost the machine.
         """
         import mujoco
 
@@ -113,11 +110,7 @@ class Engine:
         return self._taken(), self.moved(t)
 
     def moved(self, t: float) -> Moving:
-        """How the machine stands and moves after the last step; ``t`` [s] is for the sentence.
-
-        Raises:
-            ModelError: it is nowhere.
-        """
+        """How the machine stands and moves after the last step; ``t`` [s] is for the sentence."""
         x, y, _, w, i, j, k = self.data.qpos[:7].tolist()
         vx, vy, _, _, _, turn = self.data.qvel[:6].tolist()
         psi = math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
@@ -186,9 +179,6 @@ def engine(
     Args:
         start: x, y [m] and ψ [rad] of the middle of its wheels.
         step: of the engine [s].
-
-    Raises:
-        ModelError: MuJoCo is not installed, or makes no model of the numbers.
     """
     try:
         import mujoco

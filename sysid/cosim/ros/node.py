@@ -41,11 +41,7 @@ class Master:
     uri: str
 
     def check(self) -> None:
-        """Ask whether it is there.
-
-        Raises:
-            ModelError: nobody answers, or somebody who is no master.
-        """
+        """Ask whether it is there."""
         self._call("getPid")
 
     def publishers(self, topic: str) -> tuple[str, ...]:
@@ -135,9 +131,6 @@ def load_ros() -> Ros:
     """Import rospy and the messages of the nodes.
 
     The system's packages come last on the path, so that they never take the place of ours.
-
-    Raises:
-        ModelError: they are not installed, or belong to another Python.
     """
     if find_spec("rospy") is None:
         _append_system_packages()
@@ -203,9 +196,6 @@ def open_node(name: str) -> Node:
 
     Args:
         name: what the node is called; rospy appends a number so that two of them can live.
-
-    Raises:
-        ModelError: there is no ROS or no master, or the process was a node that has ended.
     """
     ros, master = load_ros(), master_here()
     if (urlsplit(master.uri).hostname or "") in LOOPBACK and "ROS_HOSTNAME" not in os.environ:

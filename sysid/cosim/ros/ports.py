@@ -268,10 +268,6 @@ def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[Robo
 
     Args:
         patience: how long the other node may take to come [s].
-
-    Raises:
-        ModelError: there is no ROS or no master; a topic is of another type; another node is the
-            robot already; nobody comes.
     """
     node = _checked("sysid_robot", topic)
     for said in (ODOM, CLOCK):
@@ -298,10 +294,6 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
 
     Args:
         patience: how long the robot may take to come [s].
-
-    Raises:
-        ModelError: there is no ROS or no master; a topic is of another type; two robots are there,
-            or none comes.
     """
     node = _checked("sysid_guidance", topic)
     publishers = node.master.publishers(topic)

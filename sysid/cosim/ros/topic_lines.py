@@ -37,11 +37,6 @@ def subscribe(topic: str, fields: Sequence[str], silence: float = 10.0) -> Itera
         fields: paths into the message: ``twist.twist.linear.x``, ``data[3]``, ``velocity[0]``.
         silence: with no message for this long [s] the rows end; infinite to wait for ever. Nothing
             at all within it is an error.
-
-    Raises:
-        ModelError: there is no ROS, no master, nobody who publishes the topic, or its package of
-            messages is not installed.
-        DataError: a field is not in the message or is no number.
     """
     node = open_node("sysid_listener")
     topic = topic if topic.startswith("/") else f"/{topic}"
@@ -127,12 +122,8 @@ class TopicLines(Lines):
 
     def __init__(self, topic: str, mapping: Mapping[str, str]) -> None:
         """Args:
-            topic: whose messages make the rows, a measurement's.
-            mapping: column → field, as recordings are read (see ``bags.mapping``).
-
-        Raises:
-            UsageError: nothing of the topic is mapped.
-            ModelError: there is no ROS here, or no master.
+        topic: whose messages make the rows, a measurement's.
+        mapping: column → field, as recordings are read (see ``bags.mapping``).
         """
         super().__init__(topic)
         self._topic = topic if topic.startswith("/") else f"/{topic}"
@@ -157,11 +148,7 @@ class TopicLines(Lines):
             threading.Thread(target=self._listen, args=(name, mapped), daemon=True).start()
 
     def new(self) -> list[str]:
-        """The lines of what has come since the last call.
-
-        Raises:
-            SysidError: a topic cannot be listened to.
-        """
+        """The lines of what has come since the last call."""
         lines: list[str] = []
         while True:
             try:

@@ -92,11 +92,7 @@ def runs(recording: Streams) -> Iterator[Streams]:
 
 
 def timed(recording: Streams, policy: str) -> tuple[Timed, ...]:
-    """Every stream at the instants of its values, all on one clock.
-
-    Raises:
-        DataError: stamps were asked for that a stream does not have.
-    """
+    """Every stream at the instants of its values, all on one clock."""
     stamped = {s.topic: _doubt(s) for s in recording.streams}
     if policy == "header" and (bad := [t for t, why in stamped.items() if why]):
         raise DataError(f"{recording.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")

@@ -30,10 +30,6 @@ def write_drive(columns: Mapping[str, Array], path: str | Path) -> Path:
     Args:
         columns: of the log by name (:data:`sysid.robot.mission.loop.COLUMNS`), (N,) each.
         path: ``.bag``, ``.mcap``, or a folder of ROS 2.
-
-    Raises:
-        DataError: it cannot be written there.
-        UsageError: the folder is there already, or no package writes bags.
     """
     return write_bag(Path(path), lambda make: _messages(columns, make))
 

@@ -81,9 +81,6 @@ def aligned(
     Returns:
         the instants (N,) [s], without those that a measurement does not cover; the columns by name,
         (N,) each; what they stand on; and what was done.
-
-    Raises:
-        DataError: the streams hardly overlap, or one of them has a single message.
     """
     grid = _grid(setting or streams, zero_order_hold, ts, where)
     low, high = _span(streams, zero_order_hold, grid, where)

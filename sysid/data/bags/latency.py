@@ -105,9 +105,6 @@ def without_latency(
         zero_order_hold: names of the columns that are commands.
         given: as ``ReadOptions.latency`` has it.
         where: the bag, for messages.
-
-    Raises:
-        UsageError: a topic that is not mapped is to be moved.
     """
     stated = check_latency(given)
     topics = [s.stream.topic for s in streams]

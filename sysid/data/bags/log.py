@@ -124,10 +124,6 @@ def bag_table(
         options: ``map``, ``stamps``, ``latency``, ``ts`` and the names of inputs and outputs count.
         even: onto even rows, as a fit needs them; else a row an instant of the fastest stream, with
             empty cells where a slower one said nothing.
-
-    Raises:
-        UsageError: nothing is mapped, or a field is not there.
-        DataError: the bag cannot serve.
     """
     if not options.map:
         raise UsageError(_unmapped(path))

@@ -76,12 +76,7 @@ def _source(name: str, path: str) -> Source:
 
 
 def mapping_of(given: Sequence[str]) -> dict[str, str]:
-    """Column → field, from texts ``NAME=/topic.field`` and names of YAML files that hold such.
-
-    Raises:
-        UsageError: a text is neither, or a column is named twice.
-        DataError: a file cannot be read.
-    """
+    """Column → field, from texts ``NAME=/topic.field`` and names of YAML files that hold such."""
     mapping: dict[str, str] = {}
     for text in given:
         name, sign, path = text.partition("=")

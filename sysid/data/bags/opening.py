@@ -62,11 +62,7 @@ class Bag:
     _reader: "AnyReader"
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """The messages of some topics in the order of their recording, one at a time.
-
-        Raises:
-            DataError: the bag is damaged, or the definition of a message is not known.
-        """
+        """The messages of some topics in the order of their recording, one at a time."""
         for kind in {self.types[t] for t in topics if t in self.types} - self.defined:
             raise DataError(
                 f"{self.where} does not say what a message of type {kind} holds; record it as "
@@ -83,9 +79,6 @@ class Bag:
             most: messages of a topic; of more, one block in so many that about these are left.
             block: messages in a row.
             largest: bytes; longer messages are left out, as are those of no known type.
-
-        Raises:
-            DataError: the bag is damaged.
         """
         seen = dict.fromkeys(self.types, 0)
         known = {t for t, kind in self.types.items() if kind in self.defined}
@@ -134,12 +127,7 @@ def digest(path: Path) -> "_Hash":
 
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
-    """A bag, open while the context lasts.
-
-    Raises:
-        UsageError: there is no such file, or the package that reads bags is not installed.
-        DataError: the file cannot be read as a bag, or holds no message.
-    """
+    """A bag, open while the context lasts."""
     if not path.exists():
         raise UsageError(f"{path}: file not found")
     try:

@@ -82,12 +82,7 @@ class Streams:
 
 
 def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
-    """Read the mapped fields, message by message: only their numbers are kept.
-
-    Raises:
-        UsageError: a topic or a field is not there, or a field is no number.
-        DataError: the bag cannot be read, or a topic holds nothing.
-    """
+    """Read the mapped fields, message by message: only their numbers are kept."""
     with opened(path) as bag:
         topics = tuple(dict.fromkeys(s.topic for s in mapping))
         for topic in topics:

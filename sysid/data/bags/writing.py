@@ -96,10 +96,6 @@ def write_bag(path: Path, source: Source) -> Path:
 
     Returns:
         The path written.
-
-    Raises:
-        UsageError: the folder is there already, or the package that writes bags is not installed.
-        DataError: it cannot be written there.
     """
     try:
         from rosbags.typesys import Stores, get_typestore

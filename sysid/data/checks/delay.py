@@ -85,9 +85,6 @@ def estimate_delays(
         records: experiments with the same channels.
         longest: the longest delay looked for everywhere, seen by the correlation or not [samples].
         shortest: 1 where a response within the sample is known to be a controller's, else 0.
-
-    Raises:
-        DataError: there are too few samples for a regression.
     """
     twins = _proportional(records)
     kept = sorted(set(twins))

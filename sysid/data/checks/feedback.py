@@ -120,11 +120,7 @@ class FeedbackTest:
 
 
 def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
-    """One verdict an output: the clearer of both tests, its p-value doubled (Bonferroni).
-
-    Raises:
-        DataError: there are too few samples for the regressions.
-    """
+    """One verdict an output: the clearer of both tests, its p-value doubled (Bonferroni)."""
     if not records[0].nu:
         return ()
     windows = [w for row in first_seen(records) for w in row]

@@ -5,8 +5,9 @@ and with blocks at an end stop left out,
 
     y(t₂) − y(t₁) = bᵀ ū + b₋ᵀ ū₋ − ȳ / τ + c.
 
-An output integrates where its inputs explain its changes and its level does not pull it back: 1/τ
-is not above zero beyond chance, and τ is longer than what the log can show.
+Unused columns that act on the output, such as the weather, stand beside u: their level hides the
+pull of its own. An output integrates where its inputs explain its changes and its level does not
+pull it back: 1/τ is not above zero beyond chance, and τ is longer than what the log can show.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.checks.direction import acting_columns
 from sysid.data.finding import Finding, Severity
 from sysid.data.impulse import least_squares, lengths
 from sysid.data.record import Array, Record, block_means
@@ -93,6 +95,7 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     low, width = float(y.min()), float(np.ptp(y))
     means = np.concatenate([r.u for r in records]).mean(axis=0)
     nu = records[0].nu
+    acting = acting_columns(records, j, every)
     rows, changes, ends = [], [], []
     for r in records:
         n = (len(r) - 1) // every
@@ -101,7 +104,9 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         of_u = block_means(r.u[: n * every] - means, every)
         level = block_means(r.y[: n * every], every)[:, j]
         step = np.diff(r.y[: n * every + 1 : every, j])
-        rows.append(np.column_stack([of_u[1:], of_u[:-1], level[1:], np.ones(n - 1)]))
+        columns = np.empty((len(r), 0)) if r.unused is None else r.unused[:, acting]
+        of_c = block_means(columns[: n * every], every)
+        rows.append(np.column_stack([of_u[1:], of_u[:-1], of_c[1:], level[1:], np.ones(n - 1)]))
         changes.append(step[1:])
         side = (level[1:] - low) / max(width, 1e-300)
         ends.append((side >= 1.0 - END).astype(float) - (side <= END))

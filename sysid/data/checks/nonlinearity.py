@@ -100,9 +100,6 @@ def nonlinearity_tests(
         records: experiments with the same channels.
         feedback: whether a controller was running. The input of the same sample then reveals the
             measurement that it responds to, which is no law of the plant, and is left out.
-
-    Raises:
-        DataError: too few samples for the linear predictor and its blocks.
     """
     records = shortened(records, ROWS)
     samples = sum(len(r) for r in records)

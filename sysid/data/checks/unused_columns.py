@@ -4,12 +4,11 @@ The score test of ``constancy`` with the column c in place of time: the errors o
 beside static curves of inputs and response, are tested for c·x, c·∂x/∂ln S and c behind the
 process's own lags (x: the responses; Wald statistic with the covariance of sums over blocks, of F's
 law). A slow column goes along with anything that changes in time: it is told only where a free run
-with it errs hardly more than with the best step or trend in time. A column that sees the noise of
-the output is another view of it.
+with it errs hardly more than with the best step or trend in time. A column that follows the output
+is another view of it. What drifts goes with the column that acts and explains most of it.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 
 import numpy as np
 from scipy.special import fdtrc
@@ -24,6 +23,7 @@ from sysid.data.checks.constancy import (
     main_input,
     statistics,
 )
+from sysid.data.checks.direction import acting_columns
 from sysid.data.impulse import orthonormal
 from sysid.data.process import ProcessFit
 from sysid.data.record import Array, Record
@@ -34,11 +34,8 @@ ALARM = 1e-6
 LEAVES, AS_TIME = 0.7, 1.2
 """Share of the squared errors of the free run that a column may leave; times what time leaves."""
 
-LAGS = 8
-"""Samples of its past that say what is new in a column."""
-
-FOLLOWS = 0.5
-"""Share of a column that inputs and responses explain, from which on no level goes with it."""
+MOST = 0.5
+"""Share of a drift that a column explains at least."""
 
 WITHIN = (0.05, 0.95)
 """Quantiles of a column between which a change is stated."""
@@ -55,7 +52,8 @@ def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Ch
         return None
     beside = _Beside(records, j, fit)
     allowed, change = beside.allowed, None
-    for k, name in enumerate(names):
+    for k in acting_columns(records, j, _rows(fit)):
+        name = names[k]
         column = np.concatenate([part[:, k] for part in unused])
         low, high = np.quantile(column, WITHIN).tolist()
         if not high > low:
@@ -65,16 +63,32 @@ def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Ch
         own = fit.through(main_input(fit), [(part[:, k] - middle) / span for part in unused])
         products = np.hstack([fit.responses * c, fit.responses * c**2, beside.lags * c])
         left = beside.left(np.column_stack([products, own]))
-        if left > allowed or beside.shares_noise(column):
+        if left > allowed:
             continue
         p = beside.chance(c, own)
-        level = beside.is_apart(c) and beside.left(own[:, None]) <= beside.left(products)
+        level = beside.left(own[:, None]) <= beside.left(products)
         ends = np.array([[(v - middle) / span] for v in (low, high)])
         parts = () if level else beside.parts(np.column_stack([products, own]), ends)
         if p < ALARM / len(names) and (parts or level):
             allowed, r = left, records[0]
             of = r.output_names[j], r.name, parts, np.nan, np.nan, p
             change = Change(*of, (name, low, high), level)
+    return change
+
+
+def drift_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
+    """The unused column that acts on output j and explains most of its drift; None without one."""
+    drift, change, most = fit.drift - fit.drift.mean(), None, MOST
+    for k in acting_columns(records, j, _rows(fit)):
+        column = [r.unused[:, k] for r in records if r.unused is not None]
+        own = fit.through(main_input(fit), [c - np.concatenate(column).mean() for c in column])
+        own = own - own.mean()
+        explained = float((own @ drift) ** 2 / max((own @ own) * (drift @ drift), 1e-300))
+        if explained > most:
+            low, high = np.quantile(np.concatenate(column), WITHIN).tolist()
+            r, most = records[0], explained
+            of = r.output_names[j], r.name, (), np.nan, np.nan, 0.0
+            change = Change(*of, (r.unused_names[k], low, high), level=True)
     return change
 
 
@@ -128,27 +142,10 @@ class _Beside:
         told = [p for p in parts if abs(p.change) > CHANGES]
         return tuple(told or [lagging] * (abs(lagging.change) > CHANGES))
 
-    @cached_property
-    def _driven(self) -> Array:
-        one = np.ones(len(self.y))
-        return orthonormal(np.column_stack([one, self.fit.responses, self._u]), 1e-9)[0]
 
-    def is_apart(self, c: Array) -> bool:
-        """Whether inputs and responses do not explain c: it may act on the level."""
-        apart = c - self._driven @ (self._driven.T @ c)
-        return bool(np.sum(apart**2) > FOLLOWS * np.sum(c**2))
-
-    def shares_noise(self, c: Array) -> bool:
-        """Whether what is new in c each sample goes with the errors: it sees the output."""
-        rolled = [np.roll(c, k) for k in range(1, LAGS + 1)]
-        past = np.column_stack([*rolled, np.ones(len(c))])[LAGS:]
-        new = c[LAGS:] - past @ np.linalg.lstsq(past, c[LAGS:], rcond=1e-9)[0]
-        x = self.fit.responses.sum(axis=1)
-        x, e = x / (x.std() + 1e-300), self.error
-        seen = np.column_stack([e, e * x, e * x**2])[LAGS:]
-        rest = new - seen @ np.linalg.lstsq(seen, new, rcond=1e-9)[0]
-        ratio = (new @ new - rest @ rest) / max(rest @ rest, 1e-300) * (len(new) - 3) / 3
-        return bool(fdtrc(3, len(new) - 3, ratio) < ALARM)
+def _rows(fit: ProcessFit) -> int:
+    """Length of the blocks that show which way signals go [samples]."""
+    return max(round(float(fit.lag[main_input(fit)]) / 4.0), 1)
 
 
 def _in_time(n: int) -> Iterator[Array]:

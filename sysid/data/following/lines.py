@@ -36,11 +36,7 @@ class Lines(ABC):
         self._rest = b""
 
     def new(self) -> list[str]:
-        """The lines that have become whole since the last call, without their ends.
-
-        Raises:
-            DataError: what comes is no text, or cannot be read.
-        """
+        """The lines that have become whole since the last call, without their ends."""
         data = self._read()
         if not data:
             return []
@@ -143,12 +139,7 @@ class PipeLines(Lines):
 
 
 def lines_of(source: str) -> Lines:
-    """The lines of ``-``, a pipe, a device or a file, which need not be there yet.
-
-    Raises:
-        UsageError: there is no such folder.
-        DataError: it cannot be read.
-    """
+    """The lines of ``-``, a pipe, a device or a file, which need not be there yet."""
     if source == "-":
         return PipeLines(None)
     path = Path(source)

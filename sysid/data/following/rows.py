@@ -79,11 +79,8 @@ class RowReader:
 
     def __init__(self, where: str, options: ReadOptions | None = None) -> None:
         """Args:
-            where: what to call the log in messages.
-            options: how to read it.
-
-        Raises:
-            UsageError: an option needs the whole log.
+        where: what to call the log in messages.
+        options: how to read it.
         """
         self._where, self._options = where, options or ReadOptions()
         check_followable(self._options)
@@ -119,10 +116,6 @@ class RowReader:
 
         Returns:
             None as long as the format is not known.
-
-        Raises:
-            DataError: the first lines are no log.
-            UsageError: an option does not fit it.
         """
         if self._format is None:
             self._first += [line for line in lines if line.strip()]

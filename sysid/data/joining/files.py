@@ -303,11 +303,7 @@ def _wheels_and_pose(
 
 
 def companion(joins: Sequence[str], log: Path) -> Path | None:
-    """The file to join to a log: ``LOG=FILE`` names it for one, a plain path for all.
-
-    Raises:
-        UsageError: a log is given two files.
-    """
+    """The file to join to a log: ``LOG=FILE`` names it for one, a plain path for all."""
     called = (log.name, log.stem, str(log))
     pairs = [j.split("=", 1) for j in joins if "=" in j]
     for_this_log = [file for name, file in pairs if name in called]

@@ -89,10 +89,6 @@ def read_log_table(
     Returns:
         the table, what was done to make it, and the checksum of its bytes, to be continued with
         those of a second file.
-
-    Raises:
-        UsageError: there is no such file, or an option does not fit it.
-        DataError: it cannot be read.
     """
     from sysid.data.bags.opening import digest, is_bag
 

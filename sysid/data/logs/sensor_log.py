@@ -75,10 +75,6 @@ def read_sensor_log(
     Args:
         columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
-
-    Raises:
-        DataError: the file cannot be read, its time does not rise, or it holds none of them.
-        UsageError: a column or unit named is not there.
     """
     path, options = Path(path), options or ReadOptions()
     table, of_file, _ = read_log_table(path, options, even=False)

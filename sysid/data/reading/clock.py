@@ -83,9 +83,6 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
         column: the column and how it was found.
         unit: its unit [s] where it is stated, else None: it is then guessed from its steps.
         place: row → "file, line n".
-
-    Raises:
-        DataError: a number is missing.
     """
     missing = np.flatnonzero(np.isnan(raw))
     if len(missing):

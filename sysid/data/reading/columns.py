@@ -183,11 +183,7 @@ def _clock(
 
 
 def whole_name(name: str, names: Sequence[str], which: str, where: str) -> str:
-    """The column that a name or a part of it means.
-
-    Raises:
-        UsageError: none or several.
-    """
+    """The column that a name or a part of it means."""
     near = matching(name, names)
     if len(near) == 1:
         return near[0]

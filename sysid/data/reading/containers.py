@@ -36,11 +36,7 @@ Variable = tuple[str, Any]
 
 
 def matlab_arrays(data: bytes, where: str) -> list[Variable]:
-    """Names and arrays (2-D) of all numeric variables; ``outer.inner`` of those in structures.
-
-    Raises:
-        DataError: the file is damaged, or holds objects alone.
-    """
+    """Names and arrays (2-D) of all numeric variables; ``outer.inner`` of those in structures."""
     try:
         if data[126:128] in (b"IM", b"MI"):
             arrays = list(_level_5(data[128:], "<" if data[126:128] == b"IM" else ">"))
@@ -144,11 +140,7 @@ Columns = dict[str, list[Any] | Array]
 
 
 def container(data: bytes, where: str) -> Columns | None:
-    """The columns of a JSON or MATLAB file, of one length; None for any other file.
-
-    Raises:
-        DataError: it is damaged, or holds no columns.
-    """
+    """The columns of a JSON or MATLAB file, of one length; None for any other file."""
     for recognised, read in _KINDS:
         if recognised(data, where):
             columns = read(data, where)

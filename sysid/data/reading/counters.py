@@ -185,10 +185,6 @@ def without_jumps(
         headings: columns of the pose that are angles.
         periods: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
         speed_of: outputs whose speed is asked for; for another counter it is proposed.
-
-    Raises:
-        UsageError: a period is asked for a column that is not there.
-        DataError: a column exceeds the period asked for.
     """
     turns = _turns(outputs)
     turns |= dict.fromkeys(headings, (2.0 * pi, 360.0))

@@ -35,11 +35,7 @@ MOST_ZEROS = 0.05
 def decode(
     data: bytes, where: str, encoding: str | None = None
 ) -> tuple[str, tuple[str, ...], str]:
-    """The text, what a person should know about its reading, and the encoding where it is a guess.
-
-    Raises:
-        DataError: it is no text, or none in the encoding asked for.
-    """
+    """The text, what to know about its reading, and the encoding where it is a guess."""
     for magic, what in _MAGIC.items():
         if data.startswith(magic):
             raise DataError(f"{where} is {what}")
@@ -78,11 +74,7 @@ def _utf8(data: bytes, where: str, notes: tuple[str, ...]) -> tuple[str, tuple[s
 
 
 def check_encoding(encoding: str) -> None:
-    """Refuse an encoding that there is not.
-
-    Raises:
-        UsageError: Python knows none of that name, or none of texts.
-    """
+    """Refuse an encoding that there is not."""
     try:
         b"a".decode(encoding)
     except UnicodeError:  # of wider signs: a single byte is none

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -413,20 +414,34 @@ def _was(n: int) -> str:
     return "was" if n == 1 else "were"
 
 
-_BRACKETS = re.compile(
-    r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
+_BEHIND = re.compile(
+    r"(?P<base>.*?[^\s/_,])(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω]\S*)"
+    r"|\s*[/_,]?\s*(?P<sign>[°º%]\S*)|(?:[\s,]\s*|\s*/\s+)(?P<bare>\S+))"
 )
-"""A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
+"""A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``, ``T / °C``, ``flap %``,
+``Druck bar``."""
+_BARE = frozenset(u for u in UNITS if len(u) > 1 and u not in (*UNIT_WORDS, "rev", "drive"))
+"""Units that are no word of a name (as ``left drive`` and ``motor A``), where no sign says so."""
 
 
 def names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
-    split = [_BRACKETS.fullmatch(n) for n in raw]
-    split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
-    bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
-    if len(set(bases)) != len(set(raw)):
-        return tuple(raw), ("",) * len(raw)
-    return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
+    """Take ``u [V]`` or ``flap %`` apart; columns that would then share a name keep it whole."""
+    split = [_name_and_unit(n) for n in raw]
+    pairs = {(name, base) for name, (base, _) in zip(raw, split, strict=True)}
+    shared = Counter(base for _, base in pairs)
+    names = (n if shared[base] > 1 else base for n, (base, _) in zip(raw, split, strict=True))
+    return tuple(names), tuple(unit for _, unit in split)
+
+
+def _name_and_unit(raw: str) -> tuple[str, str]:
+    """A name without the unit behind it, and that unit; empty for none."""
+    match = _BEHIND.fullmatch(raw)
+    if match is None:
+        return raw, ""
+    word, bare = match["word"], match["bare"]
+    known = is_unit(word or "%") and (not bare or bare in _BARE or ("/" in bare and is_unit(bare)))
+    unit = match["unit"] or word or match["sign"] or bare or ""
+    return (match["base"], unit.strip()) if known else (raw, "")
 
 
 def distinct(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -32,9 +32,6 @@ def released_rows(
         columns: unused columns that may say it, (N,) each.
         given: the column that says it, ``none``, or None to go by name.
         rows: N.
-
-    Raises:
-        DataError: the given column is no switch.
     """
     off = np.zeros(rows, dtype=bool)
     for name, values in columns.items():

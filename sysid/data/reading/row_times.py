@@ -110,10 +110,6 @@ def row_times(
         units: column name → unit by option.
         ts: sample time [s] by option, None to go by the column.
         numbers: the columns of ``numbered_clock`` if they have been read, (N, 1) or (N, 2).
-
-    Raises:
-        DataError: a stamp is missing or is none.
-        UsageError: the unit asked for the time column is none of time.
     """
     clock = _row_times(table, column, units, ts, numbers)
     if column is None or column.over is None:

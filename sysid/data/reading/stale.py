@@ -263,9 +263,6 @@ def slow_sensors(
         values: (N, n): inputs, outputs, pose.
         counts: numbers of inputs and of outputs.
         how: ``auto``, ``keep`` (every row as logged), or a number of rows in a sample.
-
-    Raises:
-        UsageError: so many rows leave too few samples.
     """
     nu, ny = counts
     every = SlowSensors(1, values, np.ones(len(values), dtype=bool))

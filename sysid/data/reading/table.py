@@ -351,10 +351,6 @@ def read_table(
         delimiter, decimal: None to find them.
         strict: whether lines that are no rows are refused rather than left out.
         encoding: of a text; None to find it.
-
-    Raises:
-        DataError: the file is no table of named columns.
-        UsageError: the delimiter or decimal sign asked for cannot be.
     """
     if not data:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
@@ -365,11 +361,7 @@ def read_table(
 
 
 def frame_table(frame: "pd.DataFrame", where: str) -> Table:
-    """The table of a frame; an index with a name, or one of times, is a column.
-
-    Raises:
-        DataError: it holds no named columns, or no rows.
-    """
+    """The table of a frame; an index with a name, or one of times, is a column."""
     import pandas as pd
 
     if isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) and not frame.index.name:

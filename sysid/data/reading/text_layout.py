@@ -70,10 +70,6 @@ def lay_out(
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
     Of a log whose first lines say how all others are to be read only these are looked at.
-
-    Raises:
-        DataError: empty, binary, without a header, without rows, or with ragged rows.
-        UsageError: the delimiter or decimal sign asked for does not exist.
     """
     cut = cut_tail(data)
     if cut is not None:

@@ -127,9 +127,6 @@ def plan_grid(
         policy: what may be done about jitter and gaps.
         place: row → "file, line n" for messages.
         advice: what to do about a clock that stands.
-
-    Raises:
-        DataError: time does not increase, or the policy forbids what would be needed.
     """
     breaks = _increasing(t, policy, place, where, advice)
     bounds = [0, *(i + 1 for i in breaks), len(t)]

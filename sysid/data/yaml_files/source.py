@@ -70,9 +70,6 @@ def read_yaml(path: str | Path) -> YamlSource:
 
     Returns:
         The values with their line numbers.
-
-    Raises:
-        DataError: the file cannot be read or is not such a file; ``file:line: what: what to do``.
     """
     path = Path(path)
     name = path.name or str(path)
@@ -115,11 +112,7 @@ def shown(value: Any) -> str:
 
 
 def text_of(path: Path) -> str:
-    """The text of a small file, for ``yaml_of``.
-
-    Raises:
-        DataError: it cannot be read, or is too large to be written by hand.
-    """
+    """The text of a small file, for ``yaml_of``."""
     name = path.name or str(path)
     try:
         return contents(path, LARGEST_FILE).decode("utf-8-sig")

@@ -26,9 +26,6 @@ def with_ground(
         std_errors: standard errors of these parameters, 0 where a parameter was not estimated; they
             are taken as uncorrelated with all others, because they come from other data (the pose).
         tracks: outputs of the left and of the right track.
-
-    Raises:
-        ModelError: the model is of another kind, or has effects of the vehicle already.
     """
     if not ground:
         return model

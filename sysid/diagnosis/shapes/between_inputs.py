@@ -5,10 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.checks.direction import acts_on
 from sysid.data.record import Array, Channel
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
 from sysid.diagnosis.shapes.smoother import Fit
 from sysid.diagnosis.shapes.track import Signal, Track
+from sysid.errors import argument
 
 LAGS, DELAYS = 10, 12
 """Time constants and dead times of one input that are tried."""
@@ -19,11 +21,14 @@ LONGEST = 5.0
 MOST_SHARE = 0.05
 """… and up to this share of the log."""
 
+CORES = 6
+"""Lags of first order that stand for the core where it may be far off."""
+
 ALONE = -1
 """For an input: the other signal acts by itself."""
 
-COMMANDED = 0.5
-"""Share of a column's power from which the inputs command it."""
+LEAST_BLOCKS = 60
+"""Blocks of a log by which it is seen whether a column acts."""
 
 IN_PROPORTION = 0.2
 """Share of its effect that an input has left where the other signal is zero: below, it is in
@@ -36,11 +41,11 @@ def _samples(track: Track, tried: int) -> Array:
     return np.geomspace(1.0, float(np.clip(slow, 4.0, max(MOST_SHARE * len(track.t), 4.0))), tried)
 
 
-def _lagged(track: Track, signal: Array, samples: float) -> Array:
-    """A signal behind a lag of first order, each record from where it begins."""
+def _lagged(track: Track, signals: Array, samples: float) -> Array:
+    """Signals (N, n) behind a lag of first order, each record from where it begins."""
     pole = np.exp(-1.0 / samples)
-    first = signal[track.first]
-    late = track.filtered(np.array([1.0 - pole]), np.array([1.0, -pole]), signal - first)[:, 0]
+    first = signals[track.first]
+    late = track.filtered(np.array([1.0 - pole]), np.array([1.0, -pole]), signals - first)
     return np.asarray(first + late)
 
 
@@ -54,7 +59,7 @@ def later(track: Track) -> Terms | None:
         d = track.inputs[:, j]
         for n in _samples(track, LAGS):
             ways.append((channel, "behind a lag", n * track.dt))
-            columns.append(_lagged(track, d, n) - d)
+            columns.append(_lagged(track, d[:, None], n)[:, 0] - d)
         for k in np.unique(np.rint(_samples(track, DELAYS)).astype(int)).tolist():
             ways.append((channel, "later than the others, by", k * track.dt))
             columns.append(track.past(d, k) - d)
@@ -69,61 +74,93 @@ def later(track: Track) -> Terms | None:
 
 def with_another(track: Track) -> Terms | None:
     """G(q) K d_i c: the effect of an input goes with another signal, lagged or not; scanned."""
-    return _with(track, track.others)
+    ways, torque = _products(track, track.others, LAGS)
+    if not ways:
+        return None
+    of_core = 0 if track.fixed else len(track.f)
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        i, name = ways[k]
+        changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
+        return _goes_with(track, i, name, 1.0 + changed, float(fit.coefficients[0])), None
+
+    return Terms(track.through(track.gain * torque).T[:, :, None], says, np.zeros(len(ways)))
 
 
 def with_unused(track: Track) -> Terms | None:
-    """The same with a column that is not used, which may also act by itself: G(q) c.
+    """Σ_m a_m G_m(q) c or G_m(q) d_i c, with a column c that is not used, lagged or not; scanned.
 
-    Only those that go their own way: what the inputs command, an acceleration for instance, is
-    rather a consequence.
+    Only columns that act: what the inputs command, an acceleration for instance, or what follows
+    the output, such as a current, is rather a consequence. Lags G_m of first order of any length
+    stand for the core, for the inputs, too: that of a log without the column may be far off.
     """
-    commanded = np.column_stack([track.inputs, track.through(track.inputs)])
-    commanded -= commanded.mean(axis=0)
-    own = [c for c in track.unused if _share_of(c.values - c.values.mean(), commanded) < COMMANDED]
-    return _with(track, own, acts=True)
+    acting = [c for c in track.unused if _acts(track, c.values)]
+    if not acting:
+        return None
+    ways, torque = _products(track, acting, LAGS)
+    size = [float(np.max(np.abs(c.values))) for c in acting]
+    ways = [*((ALONE, c.name) for c in acting), *ways]
+    alone = [c.values[:, None] / s for c, s in zip(acting, size, strict=True)]
+    every = np.hstack([*alone, track.gain * torque])
+    own = track.inputs if track.adds_inputs else track.drive[:, None]
+    lags = np.geomspace(1.0, max(len(track.t) * MOST_SHARE, 4.0), CORES)
+    columns = np.stack([_lagged(track, every, n).T for n in lags], axis=2)
+    beside = np.hstack([_lagged(track, track.gain * own, n) for n in lags])
+    first = track.own.shape[1]
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        i, name = ways[k]
+        called = f"{name}, which is not used here"
+        too = argument(inputs=[*(c.name for c in track.channels), name])
+        if i == ALONE:
+            words = f"{track.output.name} also follows {called}"
+        else:
+            of_core = 0 if track.fixed else len(track.f)
+            changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
+            changed += float(np.sum(fit.own[first + i :: own.shape[1]]))
+            words = _goes_with(track, i, called, 1.0 + changed, float(np.sum(fit.coefficients)))
+        return f"{words}; give it as an input, too: {too}", None
+
+    return Terms(columns, says, np.zeros(len(ways)), None, beside)
 
 
-def _share_of(signal: Array, columns: Array) -> float:
-    """Share of a signal's power that columns predict."""
-    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
-    return 1.0 - float(left @ left) / max(float(signal @ signal), 1e-300)
-
-
-def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms | None:
+def _products(
+    track: Track, others: Sequence[Signal], tried: int
+) -> tuple[list[tuple[int, str]], Array]:
+    """(input, name) and d_i c of each input and each other signal, lagged or not, (N, V)."""
     own = track.inputs.shape[1] if track.adds_inputs else 1
     ways: list[tuple[int, str]] = []
-    columns = []
+    columns = [np.empty((len(track.t), 0))]
     for name, signal in others:
         size = float(np.max(np.abs(signal), initial=0.0))
         if size == 0.0:
             continue
-        late = [signal, *(_lagged(track, signal, n) for n in _samples(track, LAGS))]
-        for i in (*range(own), *([ALONE] if acts else [])):
-            if i != ALONE and track.channels[i].name == name:
-                continue
-            ways += [(i, name)] * len(late)
-            drive = 1.0 if i == ALONE else track.inputs[:, i]
-            columns += [drive * c / size for c in late]
-    if not ways:
-        return None
+        lags = _samples(track, tried)
+        late = np.hstack([signal[:, None], *(_lagged(track, signal[:, None], n) for n in lags)])
+        for i in range(own):
+            if track.channels[i].name != name:
+                ways += [(i, name)] * late.shape[1]
+                columns.append(track.inputs[:, [i]] * late / size)
+    return ways, np.hstack(columns)
 
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        i, name = ways[k]
-        called = f"{name}, which is not used here" if acts else name
-        if i == ALONE:
-            return f"{track.output.name} also follows {called}", None
-        n = 0 if track.fixed else len(track.f)
-        alone = 1.0 + float(np.sum(fit.own[i * n : (i + 1) * n])) / track.gain
-        more = float(fit.coefficients[0])
-        words = f"the effect of {track.channels[i].name} on {track.output.name} "
-        if abs(alone) < IN_PROPORTION * abs(more):
-            return f"{words}is in proportion to {called}", None
-        times = f"{1.0 + more / alone:.2g} times that at 0"
-        return f"{words}goes with {called}: where that is largest it is {times}", None
 
-    moved = track.through(track.gain * np.column_stack(columns))
-    return Terms(moved.T[:, :, None], says, np.zeros(len(ways)))
+def _goes_with(track: Track, i: int, called: str, alone: float, more: float) -> str:
+    """How an input's effect goes with a signal: ``alone`` at 0, and ``more`` at its largest."""
+    words = f"the effect of {track.channels[i].name} on {track.output.name} "
+    if abs(alone) < IN_PROPORTION * abs(more):
+        return f"{words}is in proportion to {called}"
+    times = f"{1.0 + more / alone:.2g} times that at 0"
+    return f"{words}goes with {called}: where that is largest it is {times}"
+
+
+def _acts(track: Track, column: Array) -> bool:
+    """Whether a column acts on the output, as blocks of a quarter of the time constant show it."""
+    rows = int(
+        np.clip(-0.25 / np.log(max(track.pole, 1e-300)), 1, max(len(track.t) // LEAST_BLOCKS, 1))
+    )
+    signals = np.column_stack([column, track.measured, track.inputs])
+    parts = np.split(signals, track.starts[1:-1])
+    return acts_on([(p[:, 0], p[:, 1], p[:, 2:]) for p in parts], rows)
 
 
 SHAPES = (

@@ -6,8 +6,7 @@ that explains more is what the law misses: the name stands, and the curve shows 
 shape with as few numbers as a law takes its place. A drift, a free curve of time, withholds only
 names that explain less than four fifths of it. One of more numbers than the command has moves
 follows anything: it is told only where no other shape explains half as much. A column of the log
-that is not used may as well follow the output as act on it: it takes no name's place, and comes
-before time only.
+that acts comes before time.
 """
 
 from collections.abc import Sequence
@@ -89,14 +88,14 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
     found = []
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
-        shown = max((s.share for s in passed if not s.shape.last_resort), default=0.0)
+        shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
         told = [s for s in passed if _is_told(s, shown, of_signals[i])]
         near = [s for s in told if s.score > told[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers, default=None)
-        if best is None or best.shape.in_time:
-            least = SHAPES.of_signals if best is None else SHAPES.of_names * best.share
-            unused = (s for s in passed if s.shape.place is ShapePlace.UNUSED and s.share > least)
-            best = next(unused, best)
+        if best is not None and best.shape.in_time:
+            least = SHAPES.of_names * best.share
+            measured = (s for s in told if s.shape.place is ShapePlace.UNUSED and s.share > least)
+            best = next(measured, best)
         if best is not None:
             found.append(_beside_drift(best, passed) if best.follows_anything else _found(best))
     return tuple(found)
@@ -109,11 +108,11 @@ def _is_told(s: FittedShape, shown: float, of_signals: float) -> bool:
         shown: share of the excess error that the best shape of the machine itself explains.
         of_signals: the same of commands and outputs together.
     """
-    if not s.shape.last_resort:
+    if not s.shape.in_time:
         return True
     if s.drifts and s.follows_anything:
         return max(shown, of_signals) < SHAPES.of_signals * s.share
-    return s.shape.in_time and of_signals < s.share
+    return of_signals < s.share
 
 
 def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShape:
@@ -195,7 +194,6 @@ def better_shape(
             for s in fitted
             if s.index == i
             and s.proven
-            and s.shape.place is not ShapePlace.UNUSED
             and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
             and not (s.drifts and _named(s, selection.final.errors))
         ]

@@ -83,12 +83,6 @@ class Shape:
     of_speed: bool = False
 
     @property
-    def last_resort(self) -> bool:
-        """Whether it says nothing of the machine: of its clock, or of a column that may as well
-        follow the output as act on it."""
-        return self.place in (ShapePlace.TIME, ShapePlace.UNUSED)
-
-    @property
     def in_time(self) -> bool:
         """Whether it belongs to the clock of one log."""
         return self.place is ShapePlace.TIME

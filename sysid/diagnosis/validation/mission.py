@@ -92,10 +92,6 @@ def prove_on_mission(
         mission_path: the mission file; its geometry moves the vehicle.
         records: whole mission logs with pose; the first is compared with the closed loop.
         before, after: models of two tracks; effects of the vehicle are part of them.
-
-    Raises:
-        DataError: the mission file cannot be read.
-        ModelError: no record holds a pose and two wheel speeds.
     """
     mission = load_mission(mission_path)
     if geometry is not None:

@@ -118,9 +118,6 @@ def error_structure(
         slopes: ∂ŷ/∂θ of each record, (N, ny, n): changes that the model could follow with its own
             parameters are no structure. None: those of a first-order model per output. An empty
             last axis asks for everything, as for a given model that was not fitted on this system.
-
-    Raises:
-        DataError: shapes do not fit, or no output has enough samples for a test.
     """
     count = sum(len(e) for e in errors)
     if count < MIN_SAMPLES:

@@ -109,9 +109,6 @@ def figures(
             none and is judged one step ahead.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
-
-    Raises:
-        UsageError: ``skip`` leaves nothing of any record.
     """
     require_samples(records, skip)
     if not model.inputs and horizon is None:
@@ -139,11 +136,7 @@ def figures(
 
 
 def require_samples(records: Sequence[Record], skip: int) -> None:
-    """Refuse to skip every sample there is.
-
-    Raises:
-        UsageError: ``skip`` leaves nothing of any record.
-    """
+    """Refuse to skip every sample there is."""
     longest = max(records, key=len)
     if skip >= len(longest):
         raise UsageError(
@@ -176,10 +169,8 @@ def residual_tests(
         np.where(r.left_out, 0.0, model.structure.errors(model.theta, r.u, r.y, window))
         for r in kept
     ]
-    jacobians = [
-        [model.structure.gradient_columns(model.theta, r.u, r.y, i) for r in kept]
-        for i in range(model.structure.ny)
-    ]
+    by_record = [model.structure.gradients(model.theta, r.u, r.y) for r in kept]
+    jacobians = [[J[i] for J in by_record] for i in range(model.structure.ny)]
     inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
     part = estimated_columns if fitted else uncertain_columns
     parts = [

@@ -130,9 +130,6 @@ def step_curves(
     Args:
         pulse: respond to one sample of it instead.
         seconds: how long; until every output has settled unless given.
-
-    Raises:
-        ModelError: the model has no inputs.
     """
     if not model.inputs:
         raise ModelError("the model has no inputs, so there is no step to respond to")
@@ -185,9 +182,6 @@ def frequency_curves(model: Model, frequencies: Array | None = None) -> tuple[Fr
 
     Args:
         frequencies: ω [rad/s]; 100 over three decades up to the Nyquist frequency unless given.
-
-    Raises:
-        ModelError: the model is not linear or has no inputs.
     """
     if not model.inputs:
         raise ModelError("the model has no inputs, so it has no frequency response")
@@ -234,9 +228,6 @@ def root_clouds(model: Model) -> tuple[RootCloud, ...]:
 
     Of a root p of A(z) = Σ aₖ z^(n−k) dp = −Σ daₖ p^(n−k)/A′(p), so that only the covariance of the
     coefficients is found by differences.
-
-    Raises:
-        ModelError: the model is not linear or has no inputs.
     """
     if not isinstance(model.structure, LinearStructure) or not model.inputs:
         raise ModelError(f"{model.structure.name} has no poles and zeros of a path from an input")
@@ -280,9 +271,6 @@ def static_curves(model: Model) -> tuple[ResponseCurve, ...]:
 
     For a motor that is its speed over the command, friction and limits included; for a
     Hammerstein–Wiener model its static curves times its gain.
-
-    Raises:
-        ModelError: the model has no inputs, or does not settle.
     """
     if not model.inputs:
         raise ModelError("the model has no inputs, so it has no static curve")

@@ -50,11 +50,7 @@ class Spectra:
 
 
 def spectra(records: Sequence[Record]) -> Spectra:
-    """Spectra of records of one sample time, their means removed.
-
-    Raises:
-        DataError: they are too short.
-    """
+    """Spectra of records of one sample time, their means removed."""
     from scipy.signal import get_window
 
     longest = max(len(r) for r in records)

@@ -83,9 +83,6 @@ def before_fit(
 
     Returns:
         None where nothing is estimated, or no point gives a finite run.
-
-    Raises:
-        UsageError: ``fixed`` or ``bounds`` name no parameter or contradict each other.
     """
     parameters = constrained(structure, records[0], options)
     setting, guesses, free = prepared(structure, records, options, parameters, ())

@@ -79,20 +79,12 @@ class Subject:
             found = tangents(s, self.theta, inputs, np.stack(states, axis=1), both)
             return [D[both].transpose(1, 2, 0) / scale for D in found]
         runs = self.runs(inputs, states)
-        return [
-            np.stack(
-                [s.gradient_columns(self.theta, u, y, i)[:, self.free] for i in range(s.ny)]
-            ) / scale
-            for u, y in zip(inputs, runs, strict=True)
-        ]  # fmt: skip
+        pairs = zip(inputs, runs, strict=True)
+        return [s.gradients(self.theta, u, y)[:, :, self.free] / scale for u, y in pairs]
 
 
 def subject_of_model(model: Model) -> Subject:
-    """A fitted model as it is.
-
-    Raises:
-        UsageError: it has no input.
-    """
+    """A fitted model as it is."""
     if not model.inputs:
         raise UsageError("a model without inputs has no experiment to ask about")
     n, offsets = len(model.inputs), model.detrend

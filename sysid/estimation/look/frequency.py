@@ -147,9 +147,6 @@ def local_models(records: Sequence[Record], rational: bool = True) -> FrequencyE
 
     Args:
         rational: whether rational functions are tried.
-
-    Raises:
-        DataError: the records are too short.
     """
     nu = records[0].nu
     half = half_width(nu, rational=False)

@@ -97,8 +97,6 @@ def impulse_response(
     Args:
         samples: coefficients of each response.
         kernel: TC, DC or SS.
-    Raises:
-        DataError: there are fewer samples than that.
     """
     signals = [(r.u[:LONGEST], r.y[:LONGEST, output]) for r in records]
     found = _of_signals(signals, samples, kernel, records[0])

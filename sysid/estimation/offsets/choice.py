@@ -68,9 +68,6 @@ def choose_offsets(data: Sequence[Record] | LogFacts, policy: str = "auto", nk: 
         policy: ``auto``; ``none``; ``mean`` or ``linear``, which are removed; ``level``, which is
             estimated whatever the log looks like.
         nk: input delay, a number or a matrix (outputs x inputs).
-
-    Raises:
-        UsageError: the policy is unknown.
     """
     facts = LogFacts.of(data)
     start = start_of(facts, policy)
@@ -86,11 +83,7 @@ def choose_offsets(data: Sequence[Record] | LogFacts, policy: str = "auto", nk: 
 
 
 def start_of(facts: LogFacts, policy: str) -> Offsets:
-    """Offsets before anything is known of the plant: an offset about the rest or the means.
-
-    Raises:
-        UsageError: the policy is unknown.
-    """
+    """Offsets before anything is known of the plant: an offset about the rest or the means."""
     known_policy(policy)
     records = facts.outliers.records
     first = records[0]
@@ -111,11 +104,7 @@ def start_of(facts: LogFacts, policy: str) -> Offsets:
 
 
 def known_policy(policy: str) -> None:
-    """Refuse a policy that does not exist.
-
-    Raises:
-        UsageError: it is unknown.
-    """
+    """Refuse a policy that does not exist."""
     if policy not in POLICIES:
         raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
 

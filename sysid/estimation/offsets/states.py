@@ -65,7 +65,7 @@ def offset_column(model: Model, record: Record, output: int, fitted: bool) -> Ar
         return np.zeros((len(record), 0))
     wide = s.with_constant(tuple(k == output for k in range(s.ny)))
     r, theta = with_ones(record), widened_theta(wide, model.theta)
-    columns = wide.gradient_columns(theta, r.u, r.y, output)
+    columns = wide.gradients(theta, r.u, r.y)[output]
     place = int(wide.constant_places()[0][0])
     scale = 1.0
     if not fitted:

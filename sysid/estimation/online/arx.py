@@ -95,16 +95,13 @@ class RecursiveARX:
         confirm: Callable[[int, int], bool] | None = None,
     ) -> None:
         """Args:
-            structure: what to estimate.
-            forgetting: in (0, 1].
-            watch: whether to look for changes, and to begin anew after one.
-            false_alarms: chance of ever seeing one where there is none.
-            confirm: asked about every alarm, with the output and the rows since then; what is no
-                change by it is none.
-            looks: of the watches of an estimate that this one goes on for, see ``looks``.
-
-        Raises:
-            UsageError: forgetting or the false alarm rate cannot be.
+        structure: what to estimate.
+        forgetting: in (0, 1].
+        watch: whether to look for changes, and to begin anew after one.
+        false_alarms: chance of ever seeing one where there is none.
+        confirm: asked about every alarm, with the output and the rows since then; what is no
+            change by it is none.
+        looks: of the watches of an estimate that this one goes on for, see ``looks``.
         """
         if not 0.0 < forgetting <= 1.0:
             raise UsageError(f"`forgetting` must be above 0 and at most 1, got {forgetting:g}")
@@ -156,9 +153,6 @@ class RecursiveARX:
 
         Returns:
             The changes of the plant that these rows made certain.
-
-        Raises:
-            UsageError: the shapes do not fit, or a number is not finite.
         """
         rows = self.rows(u, y)
         before = len(self.changes)

@@ -119,9 +119,6 @@ class Follower:
 
         Returns:
             How many rows came, and the changes of the plant that they made certain.
-
-        Raises:
-            DataError, UsageError: what comes is no log that can be followed.
         """
         rows = self.feed.new(last)
         if rows is None or not len(rows.t):
@@ -155,11 +152,7 @@ class Follower:
 
 
 def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
-    """The rows that an estimate stands on as a CSV log, and how it is read.
-
-    Raises:
-        DataError: too few rows have come for a model.
-    """
+    """The rows that an estimate stands on as a CSV log, and how it is read."""
     channels = (*live.inputs, *live.outputs)
     nu, ny = len(live.inputs), len(live.outputs)
     lines = [",".join(["t", *(_quoted(c.name) for c in channels)])]

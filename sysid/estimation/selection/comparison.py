@@ -313,11 +313,7 @@ def _all_figures(
 
 
 def _of_model(model: Model, records: Sequence[Record]) -> list[Record]:
-    """The records with their channels in the order that the model has them in.
-
-    Raises:
-        ModelError: they have other channels, units or sample times.
-    """
+    """The records with their channels in the order that the model has them in."""
     wanted = [c.name for c in model.inputs], [c.name for c in model.outputs]
     there = records[0].input_names, records[0].output_names
     if [*map(sorted, wanted)] != [*map(sorted, there)]:

@@ -33,11 +33,7 @@ def usual_orders(records: Sequence[Record], options: FitOptions) -> Mapping[str,
 
 
 def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
-    """The structures to fit to a log with these inputs; the usual ones where none is named.
-
-    Raises:
-        UsageError: a structure needs inputs that the log has not, or has none for its inputs.
-    """
+    """The structures to fit to a log with these inputs; the usual ones where none is named."""
     chosen = tuple(names) or default_structures(bool(inputs))
     for name in chosen:
         takes = structure_class(name).traits.takes_inputs

@@ -16,11 +16,7 @@ MAX_GRID = 5000
 
 
 def parse_grid(text: str) -> list[RawOrders]:
-    """All orders named by ``"na=1:4 nb=2 nk=0:3"``; a range ``low:high`` includes its ends.
-
-    Raises:
-        UsageError: the text cannot be read, a range is empty, or the grid is absurdly large.
-    """
+    """All orders named by ``"na=1:4 nb=2 nk=0:3"``; a range ``low:high`` includes its ends."""
     choices: dict[str, list[Any]] = {}
     plain: list[str] = []
     for item in text.split():
@@ -55,10 +51,6 @@ def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
 
     ``"arx: na=2 nb=2; oe: nb=2 nf=2"`` gives each its own; a structure left out is searched.
     ``"na=2 nb=2 nf=2"`` is one set, from which each takes the orders it has.
-
-    Raises:
-        UsageError: the text cannot be read, a structure is not fitted or named twice, or an order
-            belongs to none of them.
     """
     heads = list(_HEAD.finditer(text))
     if not heads:

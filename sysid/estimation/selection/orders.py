@@ -102,9 +102,6 @@ def search_orders(
         rivals: orders searched elsewhere that these will be ranked with: information criteria
             leave out the samples which not all of them predict.
         estimated: by output, whether a linear structure has a level that is estimated with it.
-
-    Raises:
-        DataError: not one of the candidates could be fitted.
     """
     cls = structure_class(name)
     nu, ny = data.whole[0].nu, data.whole[0].ny

@@ -99,10 +99,6 @@ def select_structure(
         criterion: what ranks orders and structures; one of the free run gives way to BIC where
             no input moves in the samples that would be held out, such as a step's last third.
         progress: called with (share done, what).
-
-    Raises:
-        DataError: no structure could be fitted.
-        UsageError: the orders do not fit a structure.
     """
     facts = LogFacts.of(data)
     records, small = facts.records, facts.sample

@@ -40,11 +40,7 @@ class Ros(Exporter):
     title: ClassVar[str] = "ROS package"
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """The package.
-
-        Raises:
-            ModelError: there is no mission, or its loop cannot be closed in C.
-        """
+        """The package."""
         loop = source.loop
         if loop is None:
             raise ModelError(

@@ -28,11 +28,7 @@ _UNITS = "sysid.export.verification.units"
 
 
 def replays_of(files: Files, plant: Plant, test: SelfTest) -> dict[str, Replay]:
-    """What each unit of a package must give, by its name in the package.
-
-    Raises:
-        ModelError: the rows of a unit are damaged, or missing.
-    """
+    """What each unit of a package must give, by its name in the package."""
     replays = {}
     for name in files:
         folder, _, unit = name.rpartition("/")

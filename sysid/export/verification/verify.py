@@ -119,9 +119,6 @@ def verify(path: str | Path, trust: bool = False) -> Verification:
 
     Args:
         trust: run other code too, in processes without network that write in that folder alone.
-
-    Raises:
-        ModelError: there is no package, or it is damaged, tampered with or hostile.
     """
     package = read_package(path)
     files = files_of(path)

@@ -43,9 +43,6 @@ def fit_weighed(
     Args:
         start: lengths near those of the vehicle as it turns.
         records: in the order of the trajectories.
-
-    Raises:
-        DataError: a record holds no command of both sides.
     """
     logs = []
     for record, trajectory, track in zip(

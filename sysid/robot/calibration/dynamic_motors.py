@@ -78,11 +78,7 @@ def torque_only(per_unit: float) -> KnownMotors:
 
 
 def motors_of_model(model: Model) -> KnownMotors:
-    """The motors of a dc-motor model that was identified with the tracks lifted, or on a bench.
-
-    Raises:
-        ModelError: it has no torque, or was driven on the ground.
-    """
+    """The motors of a dc-motor model that was identified with the tracks lifted, or on a bench."""
     m = model.structure
     physics = m.physics if isinstance(m, DCMotor) else None
     source = physics.torque_source(model.theta) if physics else None
@@ -116,9 +112,6 @@ def read_motors(path: Path) -> KnownMotors:
 
     ``resistance``, ``back_emf``, ``torque_constant``, ``viscous``, ``inertia``, ``friction`` (on
     the motor's side of the gear) and ``gear``; what is left out is the thesis's.
-
-    Raises:
-        DataError: the file cannot be read.
     """
     source = read_yaml(path)
     values: dict[str, float] = {}

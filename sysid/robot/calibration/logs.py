@@ -33,9 +33,6 @@ def read_vehicle_logs(
     The fit distinguishes fresh measurements from repeats itself, so every row is read. A log with
     long gaps is several drives, as windows do not reach over them; one without commands serves,
     too.
-
-    Raises:
-        DataError, UsageError: a file cannot be read, or lacks what a fit needs.
     """
     if options.held == "auto":
         options = replace(options, held="keep")

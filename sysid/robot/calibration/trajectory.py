@@ -139,9 +139,6 @@ def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectori
     Args:
         records: of one vehicle.
         geometry: its lengths, as far as they are known: they bring speeds in m/s to rad/s.
-
-    Raises:
-        DataError: the records hold no pose or no speeds of two sides, or the wheels never turn.
     """
     missing = what_is_missing(records)
     if missing:

@@ -154,9 +154,6 @@ def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
 
     Args:
         known: the robot plant that holds them, as it was identified.
-
-    Raises:
-        ModelError: the plant does not hold one that is named.
     """
     compensate = mission.control.compensate
     return compensation_of(known, compensate, mission.vehicle.geometry) or plain_shaper
@@ -268,11 +265,7 @@ def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
 
 
 def check_robot(mission: Mission, plant: SteppablePlant) -> None:
-    """Refuse what cannot be driven through a mission.
-
-    Raises:
-        ModelError: the plant is no robot plant, or samples too fast for the timeout.
-    """
+    """Refuse what cannot be driven through a mission."""
     names = tuple(c.name for c in (*plant.inputs, *plant.outputs))
     wanted = tuple(c.name for c in (*ROBOT_INPUTS, *ROBOT_OUTPUTS))
     if names != wanted:

@@ -328,18 +328,14 @@ class Augmented(Structure):
             return False
         return base is None or base.structure.stable(base.theta)
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ by central differences."""
-        return self.slopes(theta, u, y)[:, output]
-
-    def slopes(self, theta: Array, u: Array, y: Array) -> Array:
-        """∂ŷ/∂θ of all outputs by central differences, every run beside the others; (N, ny, n)."""
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        """∂ŷ/∂θ by central differences, every run beside the others, (ny, N, n)."""
         x0 = self.fitted_state(theta, u, y, 1)
         h = SLOPE * np.maximum(np.abs(theta), SMALLEST)
         shifted = np.concatenate([theta + np.diag(h), theta - np.diag(h)])
         runs = self.simulate_many(shifted, u, np.repeat(x0[None], len(shifted), axis=0))
         change = runs[: len(theta)] - runs[len(theta) :]
-        return np.asarray(np.moveaxis(change / (2.0 * h)[:, None, None], 0, -1))
+        return np.asarray((change / (2.0 * h)[:, None, None]).T)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -191,12 +191,12 @@ class BlockStructure(NamedStructure):
         """
         return self.chain.admissible(theta)
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         if not len(u):
-            return np.zeros((0, self.chain.n))
+            return np.zeros((self.ny, 0, self.chain.n))
         with np.errstate(all="ignore"):
             _, D = self.chain.tangents(theta, u, None, states=False)
-        return np.ascontiguousarray(D[output].T)
+        return np.ascontiguousarray(D.swapaxes(1, 2))
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

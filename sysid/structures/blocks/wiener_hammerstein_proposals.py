@@ -57,11 +57,7 @@ PAYS = 0.99
 def proposals(
     structure: WienerHammerstein, records: Sequence[Record]
 ) -> tuple[Trial, Sequence[Trial]]:
-    """The trial to fit to everything, and all trials.
-
-    Raises:
-        ModelError: no start gives a finite error.
-    """
+    """The trial to fit to everything, and all trials."""
     resolved = structure.resolved(records[0].inputs, records[0].outputs)
     short, middle, settled = (ChainData.held_out(records, n) for n in (SHORT, MIDDLE, LONG))
     sizes = (

@@ -121,11 +121,7 @@ class TransferErrors(RealizedErrors):
 
 
 def delayed(name: str, options: Mapping[str, str] | None) -> bool:
-    """Whether paths have a dead time.
-
-    Raises:
-        UsageError: the option says neither.
-    """
+    """Whether paths have a dead time."""
     said = (options or {}).get("delay", "free")
     if said not in ("free", "none"):
         raise UsageError(f"`structure_options`: {name} knows delay=free and delay=none, not {said}")

@@ -197,9 +197,6 @@ def parse(
         option: the option that holds it, for sentences about what is wrong.
         error_of: output whose past errors e may occur, e without a number being those; none where
             None.
-
-    Raises:
-        UsageError: the text is no expression, or names a signal that is not there.
     """
     if len(text) > MAX_TEXT:
         raise UsageError(

@@ -43,11 +43,7 @@ def term(factors: Sequence[Signal]) -> Term:
 
 
 def pool(orders: Orders, output: int, degree: int) -> tuple[Term, ...]:
-    """All monomials up to ``degree`` in the lags of ``output``, the constant first.
-
-    Raises:
-        UsageError: there are more than MAX_POOL of them.
-    """
+    """All monomials up to ``degree`` in the lags of ``output``, the constant first."""
     factors = sorted(lagged_signals(orders, output), key=_place)
     size = comb(len(factors) + degree, degree)
     if size > MAX_POOL:
@@ -143,11 +139,7 @@ def _written(
 
 
 def parsed(text: str, nu: int, ny: int, output: int) -> Term:
-    """Read ``y(t-1)^2*u2(t-1)``; y and u without a number are the first channel.
-
-    Raises:
-        UsageError: the text is no such product, or names a channel that is not there.
-    """
+    """Read ``y(t-1)^2*u2(t-1)``; y and u without a number are the first channel."""
     if text.strip() == "constant":
         return ()
     factors_of_term = list(_factors(parse(text, nu, ny, "terms", output), text))

@@ -53,9 +53,6 @@ def by_output(text: str, name: str, ny: int, *, one_for_all: bool) -> list[list[
         text: the option's value; commas inside parentheses divide nothing, empty entries go.
         name: the option, for the sentence.
         one_for_all: whether one group may serve all outputs.
-
-    Raises:
-        UsageError: the number of groups is not that of outputs.
     """
     groups = text.split(";")
     if len(groups) == 1 and one_for_all:

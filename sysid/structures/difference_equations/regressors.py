@@ -38,9 +38,6 @@ def custom(text: str, orders: Orders) -> tuple[Row, ...]:
     Expressions are divided by commas, outputs by semicolons; one group serves all outputs. A
     signal without a time stands for each of its standard lags in turn, several in step: ``|u|`` is
     |u(t-1)|, |u(t-2)| … and ``y*u`` is y(t-1)·u(t-1), y(t-2)·u(t-2) … with nk = 1.
-
-    Raises:
-        UsageError: an expression cannot be read, or the number of groups is not that of outputs.
     """
     expressions = []
     for i, entries in enumerate(by_output(text, "regressors", orders.ny, one_for_all=True)):

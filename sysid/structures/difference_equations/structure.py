@@ -159,12 +159,12 @@ class RecursiveStructure(NamedStructure):
             return y - self.errors(theta, u, y, window)
         return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        entries, first = self.row_index(output), self.first_sample()
-        out = np.zeros((len(y), len(theta)))
-        if len(y) > first:
-            out[first:, entries] = -self.one_step(output, [(u, y)]).jacobian(theta[entries])
-        return out
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        first, slopes = self.first_sample(), np.zeros((self.ny, len(y), len(theta)))
+        for i, of_output in enumerate(slopes if len(y) > first else ()):
+            entries = self.row_index(i)
+            of_output[first:, entries] = -self.one_step(i, [(u, y)]).jacobian(theta[entries])
+        return slopes
 
     # ----------------------------------------------------------------- runs
 

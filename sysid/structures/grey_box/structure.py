@@ -192,9 +192,9 @@ class GreyBox(NamedStructure, Generic[P]):
         known = self.physics.stable(theta)
         return stays_bounded(self, theta) if known is None else known
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
-        return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
+        return tangents(self, theta, [u], x0[:, None])[0][: len(theta)].transpose(1, 2, 0)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -47,11 +47,7 @@ class LinearStructure(NamedStructure):
         return advance
 
     def in_continuous_time(self, theta: Array, dt: float) -> tuple[Array, Array, Array, Array]:
-        """(A, B, C, D) of ẋ = A x + B u, y = C x + D u with these samples where u is held.
-
-        Raises:
-            ModelError: a pole at zero or below has no continuous counterpart.
-        """
+        """(A, B, C, D) of ẋ = A x + B u, y = C x + D u with these samples where u is held."""
         from scipy.linalg import logm
 
         A, B, C, D = self.matrices(theta)

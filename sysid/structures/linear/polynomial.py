@@ -227,14 +227,14 @@ class PolynomialStructure(LinearStructure):
             return False
         return bool(np.all(np.abs(poles(self, theta)) < 1.0))
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        lay, index = self.layout(output), self.row_index(output)
-        out = np.zeros((len(y), len(theta)))
-        if len(y) > lay.start + lay.nd:
-            row = RowErrors(lay, index, [(u, y)], False)
-            out[row.skipped :, index] = -row.jacobian(row.initial_guess(theta))
-        return out
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
+        slopes = np.zeros((self.ny, len(y), len(theta)))
+        for i, of_output in enumerate(slopes):
+            lay, index = self.layout(i), self.row_index(i)
+            if len(y) > lay.start + lay.nd:
+                row = RowErrors(lay, index, [(u, y)], False)
+                of_output[row.skipped :, index] = -row.jacobian(row.initial_guess(theta))
+        return slopes
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

@@ -181,11 +181,7 @@ def control_model(
     inputs: Sequence[str],
     outputs: Sequence[str],
 ) -> Any:
-    """``control.StateSpace`` of these matrices; dt is 0 in continuous time.
-
-    Raises:
-        ModelError: python-control is not installed.
-    """
+    """``control.StateSpace`` of these matrices; dt is 0 in continuous time."""
     return python_control().StateSpace(*matrices, dt, inputs=list(inputs), outputs=list(outputs))
 
 

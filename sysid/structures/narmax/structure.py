@@ -41,11 +41,7 @@ SELECTIONS = ("auto", "err", "simulation")
 
 
 def explicit_terms(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
-    """The terms a user names: outputs divided by ``;``, terms by ``,``.
-
-    Raises:
-        UsageError: a term cannot be read, stands twice, or has a lag that the orders do not have.
-    """
+    """The terms a user names: outputs divided by ``;``, terms by ``,``."""
     equations = []
     for i, entries in enumerate(by_output(text, "terms", orders.ny, one_for_all=False)):
         terms = [parsed(entry, orders.nu, orders.ny, i) for entry in entries]

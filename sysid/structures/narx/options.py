@@ -53,11 +53,7 @@ class NarxOptions:
 
 
 def read(given: Mapping[str, str]) -> NarxOptions:
-    """Options from text.
-
-    Raises:
-        UsageError: one of them is not what it must be.
-    """
+    """Options from text."""
     refine = 0 if given.get("refine", "").strip() == "none" else _whole(given, "refine", 2, 100_000)
     return NarxOptions(
         choice(given, "estimator", tuple(KINDS)),

@@ -84,11 +84,7 @@ class StateSpace(RealizedStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with n states.
-
-        Raises:
-            UsageError: n is missing, smaller than the number of outputs, or another order given.
-        """
+        """The structure with n states."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         given = dict(raw)
         n, nk = given.pop("n", None), given.pop("nk", 1)

@@ -189,13 +189,12 @@ class RealizedStructure(LinearStructure, Searchable):
         out[: horizon - 1] = np.nan
         return out
 
-    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+    def gradients(self, theta: Array, u: Array, y: Array) -> Array:
         theta = np.asarray(theta, dtype=np.float64)
         r, inputs = _one_step(self.realization(theta), u, y)
         window = min(len(y), max(3 * r.core, 1))
         x0 = _fitted_core(r, inputs[:window], y[:window])
-
-        return _slopes(self, theta, inputs, x0, ahead=True)[:, :, output].T
+        return _slopes(self, theta, inputs, x0, ahead=True).T
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         g = self.transfer(theta)

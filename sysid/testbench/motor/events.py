@@ -88,9 +88,6 @@ def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
     Args:
         t: instants [s], (N,).
         pulses_per_turn: of the sensor; 1 for one marker.
-
-    Raises:
-        DataError: there are fewer than three, or the instants do not rise.
     """
     if len(t) < MIN_EVENTS:
         raise DataError(

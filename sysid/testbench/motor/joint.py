@@ -185,9 +185,6 @@ def fit_jointly(
         starts: where the search may begin, the one that errs least is taken; others than these
             constants are held there.
         tied: whether Kc is Kem.
-
-    Raises:
-        DataError: there are fewer measurements than constants.
     """
     measurements = sum(len(m) for part in parts for m in part.measured)
     if measurements < len(names):

@@ -27,11 +27,7 @@ HARDLY = 0.5
 def require_experiments(
     tests: Sequence[SteadyTest], drives: Sequence[DriveLog], known: Mapping[str, object]
 ) -> None:
-    """Refuse experiments that do not determine every constant.
-
-    Raises:
-        DataError: which are missing, as one sentence.
-    """
+    """Refuse experiments that do not determine every constant."""
     if any(d.current is not None for d in drives):
         return
     lacks = []

@@ -80,9 +80,6 @@ def free_swing(t: Array, angle: Array, where: str) -> FreeSwing:
     Args:
         t: instants [s], (N,), rising.
         angle: (N,), in any unit.
-
-    Raises:
-        DataError: nothing oscillates, too few periods are there, or the samples are too far apart.
     """
     guess = _strongest_period(t, angle, where)
     even, smooth = _smoothed(t, angle, guess)

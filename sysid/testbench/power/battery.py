@@ -111,10 +111,6 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
     Args:
         t: instants [s], (N,); None for a table.
         voltage, current: [V, A], (N,); the sign of the current is found.
-
-    Raises:
-        DataError: the current does not change, so no resistance can be determined, or there are too
-            few rows.
     """
     good = np.isfinite(voltage) & np.isfinite(current)
     good &= np.isfinite(t) if t is not None else True

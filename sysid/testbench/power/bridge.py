@@ -147,9 +147,6 @@ def fit_bridge(
         answer: (N,).
         supply: its voltage meanwhile [V], (N,).
         log: whether the rows follow each other in time; in a table each is a step of its own.
-
-    Raises:
-        DataError: nothing answers, or too few steps do.
     """
     good = np.isfinite(drive) & np.isfinite(answer)
     steps = _steps(drive[good], answer[good], log)

@@ -169,12 +169,7 @@ def bench_power(
 
 
 def write_supply(mission: Path, bench: PowerBench) -> Path:
-    """Write what was measured into the section ``vehicle.supply`` of a mission; the rest stays.
-
-    Raises:
-        DataError: the file is no mission, or cannot be written.
-        UsageError: nothing was measured that a mission takes.
-    """
+    """Write what was measured into the section ``vehicle.supply`` of a mission; the rest stays."""
     load_mission(mission)  # refused before it is touched
     values = read_yaml(mission).values
     keys = {k: float(f"{m.value:.4g}") for k, m in bench.supply().items()}

@@ -102,9 +102,6 @@ def assess(
         slope: a slope to climb [rad].
         slips: where drawbar pull is reported [1].
         radii: of turns [m].
-
-    Raises:
-        ModelError: a slope or slip is impossible, or the pressure cannot carry the load.
     """
     if slope is not None and not 0.0 <= slope < traction.tipping_slope:
         most = math.degrees(traction.tipping_slope)

@@ -119,11 +119,7 @@ class Traction:
         return xp.where(pull <= most, high, xp.nan)
 
     def needed_slip(self, pull: float) -> float:
-        """As :meth:`slip_for`, of one pull [N].
-
-        Raises:
-            ModelError: the soil cannot give it.
-        """
+        """As :meth:`slip_for`, of one pull [N]."""
         slip = float(self.slip_for(pull))
         if math.isnan(slip):
             most, at = self.largest_pull()

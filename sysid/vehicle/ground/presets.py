@@ -159,11 +159,7 @@ def _spread(given: object, numbers: Mapping[str, float], base: Soil) -> dict[str
 
 
 def read_soil(path: Path) -> Soil:
-    """The soil of a YAML file: its numbers, or its section ``soil`` or ``vehicle.soil``.
-
-    Raises:
-        DataError: the file cannot be read, or holds no soil; with the line.
-    """
+    """The soil of a YAML file: its numbers, or its section ``soil`` or ``vehicle.soil``."""
     source = read_yaml(path)
     values: Any = source.values
     place: tuple[str, ...] = ()

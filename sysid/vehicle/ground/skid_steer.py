@@ -159,9 +159,6 @@ def steady_turn(traction: Traction, radius: float, speed: float = 0.1) -> Steady
     Args:
         radius: R of the path of the centre of mass [m], at least 0; to the left.
         speed: of the body over its outer track, ψ̇ (R + B/2) [m/s], above 0; slow by default.
-
-    Raises:
-        ModelError: no balance was found, or a number is impossible.
     """
     if not (math.isfinite(radius) and radius >= 0.0):
         raise ModelError(f"the radius of a turn is {radius}: give metres, at least 0")

@@ -150,11 +150,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def load_tracks(path: Path) -> TrackedVehicle:
-    """The tracked vehicle of a YAML file as :func:`load_vehicle` reads it, for soils.
-
-    Raises:
-        DataError: the file cannot be read, or holds no tracked vehicle; with the line.
-    """
+    """The tracked vehicle of a YAML file as :func:`load_vehicle` reads it, for soils."""
     source, described = _described(path)
     if described.wheels:
         where = source.where(("wheels",))

@@ -66,9 +66,6 @@ def mjcf_text(vehicle: Vehicle) -> str:
 
     Masses that only the whole has are shared out as in :meth:`Vehicle.with_masses`; a wheel
     of unknown mass is taken as solid and as dense as water, which is MuJoCo's own assumption.
-
-    Raises:
-        ModelError: the mass of the body is not known, or neither its size nor its inertia.
     """
     whole = _weighed(vehicle.with_masses())
     body = whole.body_properties()

@@ -56,9 +56,6 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
     Args:
         z: wanted, (3,), in the space.
         basis: of the space, orthonormal, (3, d).
-
-    Raises:
-        UsageError: more wheels have limits than can be tried.
     """
     limited = [w for w in wheels if w.angle_limits and np.ptp(w.angle_limits) < math.pi]
     if not limited:
@@ -209,9 +206,6 @@ def forward(
     Args:
         speeds: ω by name [rad/s], of all wheels or some.
         angles: steering angles [rad]; those of the description unless given.
-
-    Raises:
-        UsageError: a speed is not finite, or these speeds do not determine the motion.
     """
     wrong = [name for name, speed in speeds.items() if not math.isfinite(speed)]
     if wrong:

@@ -39,12 +39,7 @@ of a suspension at rest do; gears and pulleys stand higher."""
 
 
 def read_urdf(path: Path) -> Vehicle:
-    """The vehicle that a URDF describes, in the frame of its base link.
-
-    Raises:
-        UsageError: there is no such file.
-        DataError: it is no URDF, or has no wheels; one sentence with its line.
-    """
+    """The vehicle that a URDF describes, in the frame of its base link."""
     robot = Robot(read_xml(path), path.name)
     walk = _Walk(robot)
     if not walk.wheels:

@@ -41,10 +41,6 @@ def read_xml(path: str | Path) -> XmlElement:
 
     Returns:
         The element at the top.
-
-    Raises:
-        UsageError: there is no such file.
-        DataError: it cannot be read, or is no such file; ``file:line: what is wrong: what to do``.
     """
     path = Path(path)
     content = read_bytes(path)

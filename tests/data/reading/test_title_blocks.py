@@ -161,3 +161,25 @@ def test_columns_of_one_name_are_told_apart(header: str, names: str, tmp_path: P
     table = read_table(f"{header}\n{rows}".encode(), "l.csv")
     assert ", ".join(table.names[1:]) == names
     assert ("share a name" in " ".join(table.notes)) == ("(" in names)
+
+
+@pytest.mark.parametrize(
+    ("header", "names", "units"),
+    [
+        ("time [s],flap %,Aussen [°C],Innen °C", "time flap Aussen Innen", "s % °C °C"),
+        ("T / °C;T2/°C;pwm%;Druck, bar", "T T2 pwm Druck", "°C °C % bar"),
+        ("Drehzahl U/min,v km/h,pos mm,P kW", "Drehzahl v pos P", "U/min km/h mm kW"),
+        ("Innen °C,Innen %,rpm [V],rpm [A]", "Innen °C|Innen %|rpm [V]|rpm [A]", "°C % V A"),
+        ("time s,motor A,phase V,temp min", "time s|motor A|phase V|temp min", ""),
+        ("left drive,on/off,x in y,% open", "left drive|on/off|x in y|% open", ""),
+    ],
+)
+def test_a_unit_is_read_behind_a_name_however_it_is_set_off(
+    header: str, names: str, units: str
+) -> None:
+    from sysid.data.reading.header import names_and_units
+
+    raw = tuple(header.split(";" if ";" in header else ","))
+    split = names_and_units(raw)
+    assert split[0] == tuple(names.split("|" if "|" in names else " "))
+    assert split[1] == (tuple(units.split()) or ("",) * len(raw))

@@ -62,8 +62,31 @@ def test_a_column_that_is_not_used_comes_before_time() -> None:
     found = diagnose([replace(log, unused=unused, unused_names=("gyro_2", "speed"))])
     (shape,) = found.shapes
     assert shape.place == "unused column"
-    assert shape.sentence.endswith("is in proportion to speed, which is not used here")
+    assert "is in proportion to speed, which is not used here; give it" in shape.sentence
     assert all(s.place != "unused column" for s in diagnose([log]).shapes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_weather_that_is_not_used_is_no_slow_state(seed: int) -> None:
+    """A greenhouse by its flap alone: no drift, no further state, and no integrator."""
+    rng = np.random.default_rng(seed)
+    n, tau = 2000, 60.0
+    flap = np.repeat(rng.choice([0.0, 20.0, 40.0, 60.0, 80.0, 100.0], n // 80), 80)
+    outside = 12.0 + 6.0 * np.sin(4e-4 * np.arange(n) * 2.0 * np.pi + seed)
+    outside += np.cumsum(rng.normal(0.0, 0.02, n))
+    inside = _from(22.0, 14.0 + outside - 0.08 * flap, tau) + rng.normal(0.0, 0.05, n)
+    log = Record(flap[:, None], inside[:, None], 10.0, (Channel("flap", ""),), (Channel("in", ""),))
+    outdoors = np.round(outside, 1)[:, None]
+    (shape,) = diagnose([replace(log, unused=outdoors, unused_names=("out",))]).shapes
+    assert "in also follows out, which is not used here" in shape.sentence
+
+
+def _from(start: float, u: Array, tau: float) -> Array:
+    y, k = np.full(len(u), start), 1.0 - np.exp(-1.0 / tau)
+    for n in range(1, len(u)):
+        y[n] = y[n - 1] + k * (u[n - 1] - y[n - 1])
+    return y
 
 
 @pytest.mark.slow

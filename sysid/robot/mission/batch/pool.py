@@ -43,10 +43,6 @@ class Job:
         Args:
             scheduler: None for threads of this process, ``processes``, or the address of a Dask
                 scheduler, ``tcp://host:8786``, whose workers have this package.
-
-        Raises:
-            UsageError: there is no such scheduler.
-            ModelError: the processes of a part die again and again.
         """
         if scheduler is None:
             return threaded(self.work(self.given), parts)

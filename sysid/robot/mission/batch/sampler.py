@@ -130,11 +130,7 @@ class Sampler:
         return bool(self.variation.obstacles) and bool(self.mission.obstacles)
 
     def draw(self, seeds: Sequence[int]) -> Samples:
-        """The numbers of these runs.
-
-        Raises:
-            ModelError: one run has no free start.
-        """
+        """The numbers of these runs."""
         z, again, bad = _drawn(seeds, "places", self._floor + 2, self._free, TRIES)
         if len(bad):
             raise ModelError(

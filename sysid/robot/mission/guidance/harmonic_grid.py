@@ -133,9 +133,6 @@ def solved(
         targets: where w = 1, within ``tolerance`` [m] as far as no surface is there.
         obstacles, walls: where w = 0, and within ``margin`` [m] of them, and on the rim.
         margin, cell, tolerance: [m].
-
-    Raises:
-        ModelError: the grid would be too large.
     """
     x, y = _axes(targets, obstacles, walls, cell)
     at_x, at_y = np.meshgrid(x, y)

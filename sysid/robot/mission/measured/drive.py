@@ -67,11 +67,7 @@ class MeasuredDrive:
 
     @staticmethod
     def of(record: Record) -> "MeasuredDrive":
-        """The drive that a log holds.
-
-        Raises:
-            DataError: the log holds no pose, or nothing moves in it.
-        """
+        """The drive that a log holds."""
         known = (
             np.zeros(len(record), dtype=bool)
             if record.pose is None

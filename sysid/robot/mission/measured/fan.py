@@ -283,9 +283,6 @@ def against_runs(
         mission: what it drove; its ``vary`` says what else varies.
         plants: as of :func:`sysid.robot.mission.monte_carlo.runs.simulate_runs`.
         vary: names of what varies instead.
-
-    Raises:
-        DataError: the log holds no path.
     """
     drive = MeasuredDrive.of(record)
     x, y, psi = drive.start.tolist()

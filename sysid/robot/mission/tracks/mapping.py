@@ -88,9 +88,6 @@ def as_robot(
 
     Returns:
         The robot, and a sentence for each assumption, those about navigation's sensors included.
-
-    Raises:
-        ModelError: no output answers a constant input with a usable constant value.
     """
     robot, notes = _driving(plant, mission, top_speed)
     volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)

@@ -34,9 +34,6 @@ def nominal_of(plant: SteppablePlant, geometry: Geometry, mixer: CommandMixer) -
     Args:
         mixer: what commands become on the tracks.
 
-    Raises:
-        ModelError: the plant does not come to rest after a step, or does not answer it.
-
     Source: Åström and Hägglund, Advanced PID Control (2006), section 2.7 (average residence time).
     """
     speed = _answer(plant, geometry, mixer, Command(AMID.v_cmd, 0.0))

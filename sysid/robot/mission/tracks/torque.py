@@ -38,11 +38,7 @@ _LIFTED = (
 
 
 def motors_of(plant: SteppablePlant) -> tuple[Motor, Motor]:
-    """Left and right motor of a robot plant, driven by shares of full drive.
-
-    Raises:
-        ModelError: the plant has no torques, or zero drive is not zero for its motors.
-    """
+    """Left and right motor of a robot plant, driven by shares of full drive."""
     source = _source(plant)
     if not isinstance(plant, RobotPlant) or source is None:
         raise ModelError(_SPEEDS_ONLY)
@@ -55,9 +51,6 @@ def check_lifted(plant: SteppablePlant, lifted: bool | None) -> tuple[str, ...]:
 
     Args:
         lifted: what the mission says; None judges by what the tracks share.
-
-    Raises:
-        ModelError: as for :func:`motors_of`; or the plant was driven on the ground.
     """
     motors_of(plant)
     source = _source(plant)

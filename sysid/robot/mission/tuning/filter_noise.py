@@ -115,10 +115,6 @@ def tuned_filter(
     Args:
         mission: whose navigation is a filter with q and r.
         columns: reading → column, where the names differ.
-
-    Raises:
-        DataError: the navigation has no noise to tune, or the log cannot serve.
-        UsageError: a column or unit named is not there.
     """
     law = mission.navigation
     if not isinstance(law, Filter):

@@ -27,10 +27,6 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
 
     Args:
         role: the section, ``control`` or ``navigation``.
-
-    Raises:
-        UsageError: the target is the source.
-        DataError: the file cannot be written, or the law cannot be said in one.
     """
     if target.exists() and target.samefile(source):
         raise UsageError(f"{target} is the mission itself; name another file")
@@ -64,10 +60,6 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
 
     Args:
         sections: ``vehicle``, and ``motion`` where it slips.
-
-    Raises:
-        UsageError: the target is the source.
-        DataError: a file cannot be read or written.
     """
     if target.exists() and target.samefile(source):
         raise UsageError(f"{target} is the mission itself; name another file")

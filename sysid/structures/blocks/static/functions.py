@@ -108,11 +108,7 @@ class Static:
 
 
 def parse_static(text: str) -> Static:
-    """Read ``dead-zone``, ``piecewise:8`` or ``abs,polynomial:3``.
-
-    Raises:
-        UsageError: a kind does not exist, occurs twice, or its size is missing or absurd.
-    """
+    """Read ``dead-zone``, ``piecewise:8`` or ``abs,polynomial:3``."""
     stages: list[Stage] = []
     for item in text.replace(" ", "").lower().split(","):
         kind, colon, number = item.partition(":")

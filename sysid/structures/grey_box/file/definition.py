@@ -170,11 +170,7 @@ class Definition:
 
 @lru_cache(maxsize=64)
 def definition_of(text: str, name: str = "equations") -> Definition:
-    """Read and check the text of a file of equations.
-
-    Raises:
-        DataError: it is none; ``file:line:column: what is wrong: what to do``.
-    """
+    """Read and check the text of a file of equations."""
     source = yaml_of(text, name)
     _refuse_cut(source)
     try:

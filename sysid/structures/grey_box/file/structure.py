@@ -67,21 +67,13 @@ class FromFile(GreyBox[FilePhysics]):
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
-        """Those of the file.
-
-        Raises:
-            UsageError: units of the log are others than those of the file.
-        """
+        """Those of the file."""
         self.physics.require_channels(inputs, outputs)
         return super().parameters(inputs, outputs)
 
 
 def structure_of_file(path: str | Path) -> type[FromFile]:
-    """The structure that a file of equations describes.
-
-    Raises:
-        DataError: the file cannot be read; ``file:line:column: what: what to do``.
-    """
+    """The structure that a file of equations describes."""
     path = Path(path)
     text = text_of(path)
     d = definition_of(text, path.name)
