@@ -5,6 +5,7 @@ is a triangular banded system, A(q) y = B(q) x with the coefficients of A down i
 LAPACK comes with what every command needs.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -32,14 +33,15 @@ def lfilter(b: Any, a: Any, x: Any, axis: int = -1, zi: Any = None) -> Any:
 
         return signal.lfilter(b, a, x, axis, zi)
     whole = np.moveaxis(np.asarray(x), axis, -1)
-    rows = np.ascontiguousarray(whole).reshape(-1, whole.shape[-1])
+    each = math.prod(whole.shape[:-1])
+    rows = np.ascontiguousarray(whole).reshape(each, whole.shape[-1])
     b, a = np.divide(b, a[0]), np.divide(a, a[0])
     drive = _moved(b, rows)
     if zi is None:
         return np.moveaxis(_solved(a[None], drive).reshape(whole.shape), -1, axis)
     states = np.moveaxis(np.asarray(zi), axis, -1)
     ends = (*whole.shape[:-1], states.shape[-1])
-    states = np.broadcast_to(states, ends).reshape(len(rows), -1)
+    states = np.broadcast_to(states, ends).reshape(each, ends[-1])
     drive[:, : states.shape[1]] += states[:, : rows.shape[1]]
     y = _solved(a[None], drive)
     left = _left(b, a, rows, y, states).reshape(ends)

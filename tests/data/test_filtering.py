@@ -16,6 +16,7 @@ CASES = {
     "three axes": ([0.0, 1.0], A3, (2, 50, 3), 1, True),
     "no poles": ([1.0, -0.5, 0.2], [2.0], (50, 3), 0, True),
     "gain": ([2.0], [4.0], (50,), 0, False),
+    "no columns": ([0.5, 1.0], A3, (50, 0), 0, True),
     "shorter than its states": ([0.5, 1.0, 0.2], A3, (2, 3), 0, True),
 }
 """b, a, shape of the signal, axis, whether it starts from some states."""
