@@ -235,7 +235,6 @@ class OnInputs:
     Attributes:
         known: residuals without their means, (N,), NaN where missing.
         inputs: without their means, (N, nu).
-        names: of the inputs.
         jacobian, uncertain, keep: as a ``Trial`` has them.
     """
 

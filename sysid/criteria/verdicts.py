@@ -76,7 +76,6 @@ class ScoredTest:
         score: statistic, and what is behind it.
         level: confidence level.
         names: of the signals tested against.
-        lags: those tested.
     """
 
     score: Score

@@ -57,7 +57,7 @@ def _floor(records: Sequence[Record]) -> Array:
     calm = np.concatenate([_calm(r) for r in records if len(r) > 3])
     rough = ROBUST * np.median(np.abs(third), axis=0)
     spreads = [
-        _spread(third[calm[:, i], i], rough[i])
+        trimmed_rms(third[calm[:, i], i], rough[i])
         if calm[:, i].sum() >= MIN_SETTLED_DIFFERENCES
         else rough[i]
         for i in range(third.shape[1])
@@ -89,8 +89,13 @@ def _calm(record: Record) -> NDArray[np.bool_]:
     return np.asarray(calm[:, None] & ~stuck)
 
 
-def _spread(x: Array, start: float) -> float:
-    """Root mean square within three times itself, for a normal law."""
+def trimmed_rms(x: Array, start: float) -> float:
+    """Root mean square within three times itself, for a normal law.
+
+    Args:
+        start: the least that it is begun from: of rounded measurements most differences may be
+            zero, and their median with them.
+    """
     size = max(start, ROBUST * float(np.median(np.abs(x))))
     for _ in range(5):
         inside = x[np.abs(x) <= 3.0 * size]

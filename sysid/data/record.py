@@ -113,7 +113,6 @@ class Record:
         reference_names: their nr column names.
         unused: columns that were chosen for nothing, (N, n), in the file's units, or None: what
             seems to change with time may go with one of them.
-        unused_names: their names.
         since: what went before a piece of a longer record: seconds, and the integral of each
             output, (1 + ny,); None at the beginning of a record.
         read_as: what was decided when it was read, and how to decide otherwise.

@@ -15,7 +15,14 @@ _TURN = 2.0 * math.pi
 _FACTORS: dict[str, dict[str, float]] = {
     "rad/s": {"rad/s": 1.0, "rpm": _TURN / 60.0, "deg/s": _TURN / 360.0, "rev/s": _TURN},
     "rad": {"rad": 1.0, "deg": _TURN / 360.0, "rev": _TURN},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1.0 / 3.6, "mph": 0.44704},
+    "m/s": {
+        "m/s": 1.0,
+        "mm/s": 1e-3,
+        "cm/s": 1e-2,
+        "km/h": 1.0 / 3.6,
+        "mph": 0.44704,
+        "kn": 1852.0 / 3600.0,
+    },
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3},
     "m/s^2": {"m/s^2": 1.0},
     "V": {"V": 1.0, "mV": 1e-3},
@@ -37,7 +44,7 @@ _FACTORS: dict[str, dict[str, float]] = {
 UNITS = {of: (to, factor) for to, group in _FACTORS.items() for of, factor in group.items()}
 """File unit -> (unit in the Record, factor). ``drive`` is PWM as a fraction of full drive."""
 
-_ANY_CASE = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm")}
+_ANY_CASE = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm", "kn")}
 """Units that cannot be mistaken for another one in capitals."""
 
 LEAST_PULSE = 1100.0

@@ -90,8 +90,10 @@ def values_of(
             gain = abs(candidate.q[m.index["core", "gain", p.track]])
             at = min(p.track, first.nu - 1)
             full = float(full_drive(base.parts.estimation)[at]) / gain
-            command = first.inputs[at].unit
-            values.append(shown.times(full, command, f"{p.name}_command{tag}"))
+            command = shown.times(full, first.inputs[at].unit, f"{p.name}_command{tag}")
+            factor, of_file = first.inputs[at].to_file
+            same = None if factor == 1.0 else command.times(factor, of_file)
+            values.append(replace(command, in_file=same))
         if shown.visited and p.of.as_rate:
             speed = value * _speed_of_error(base, candidate, p.track)
             held = Value(f"speed{tag}", speed, None, f"{words}/s")  # its error is the core's, too

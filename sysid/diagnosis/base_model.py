@@ -239,7 +239,9 @@ def _baseline(
     effects = _with_logs(_possible(effects, first), parts, level)
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
-    model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt, first.nu)
+    speed = typical_speed(estimation)
+    lag = _typical_lag(estimation, speed) if _is_servo(first) else None
+    model = FullModel(effects, order, first.ny, speed, first.dt, first.nu, lag)
     in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
         model,
@@ -326,7 +328,7 @@ def given_base(
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     """Effects, and laws of them, that what is read can have.
 
-    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle; the
+    A heater has no friction, no gear and no armature, nor has a position on a spring; the
     position of a rudder comes from no battery. Of a servo, whose command is the position to be
     reached, nothing in the log is a torque or speed, and its loop has lags of its own.
     """
@@ -344,11 +346,19 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
         ]
     if any(c.unit in POSITIONS for c in first.inputs):
         effects = [e for e in effects if not e.hints.electric]
-    if any(c.unit in POSITIONS for c in first.outputs):
-        effects = [e for e in effects if not e.waves]
-    if any(may_move(c.name, c.unit) for c in first.outputs):
+    if shows_motion(first):
         return tuple(effects)
     return tuple(e for e in effects if e.hints.level or not e.of_motion)
+
+
+def shows_motion(first: Record) -> bool:
+    """Whether an output may be the speed of something that turns or moves, or is a servo's.
+
+    A position that integrates is diagnosed by its rate; one that does not is held by a spring or a
+    weight, and what would be drag or friction of a speed would be a stiffness of it.
+    """
+    moving = (may_move(c.name, c.unit) and c.unit not in POSITIONS for c in first.outputs)
+    return _is_servo(first) or any(moving)
 
 
 def _is_servo(first: Record) -> bool:
@@ -387,13 +397,21 @@ def typical_speed(records: Sequence[Record]) -> Array:
     return np.asarray(np.maximum(speed, 1e-9))
 
 
+def _typical_lag(records: Sequence[Record], speed: Array) -> Array:
+    """RMS distance of servos from their set points, (ny,); no more than they travel."""
+    distance = np.concatenate([r.y - r.u for r in records])
+    return np.asarray(np.clip(np.sqrt(np.nanmean(distance**2, axis=0)), 1e-6 * speed, speed))
+
+
 def may_lack_sign(records: Sequence[Record]) -> bool:
     """Whether commands of both signs meet measurements of one: the sensor may not see the
     direction.
 
     Effects are then compared at the largest order, because an order chosen on such measurements
-    says nothing; zero is taken for a physical zero.
+    says nothing; zero is taken for a physical zero. That of a temperature or pressure is not.
     """
+    if not shows_motion(records[0]):
+        return False
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
     if u.shape[1] > y.shape[1]:

@@ -24,7 +24,13 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
         coarse = r.every(step)
         rate = (coarse.y[2:] - coarse.y[:-2]) / (2.0 * coarse.dt)
         outputs = tuple(
-            Channel(f"{c.name}_rate", f"{c.unit}/s" if c.unit else "") for c in r.outputs
+            Channel(
+                f"{c.name}_rate",
+                f"{c.unit}/s" if c.unit else "",
+                c.scale,
+                f"{c.file_unit}/s" if c.file_unit else "",
+            )
+            for c in r.outputs
         )
         records_of_rates.append(
             replace(

@@ -28,7 +28,6 @@ def over_angle(angle: Array, signal: Array, highest: float) -> tuple[Array, Arra
     Args:
         angle: of every sample [rad], (N,).
         signal: (N,).
-        highest: of the lines.
     """
     low, span = float(np.min(angle)), max(float(np.ptp(angle)), 1e-9)
     width = max(2.0 * np.pi / highest * WIDEST, span / MOST_BINS)

@@ -113,12 +113,15 @@ class ShapeRule:
         of_signals: a free curve of time follows anything slow, and another log needs another one:
             what depends on commands and outputs comes first while it explains this share of it.
         of_names: the same for names, which claim more than a shape does.
+        whole: a shape that explains less of the excess error is known in part: something else is
+            missing that may have this shape for its shadow.
     """
 
     near: float = 10.0
     numbers_of_law: int = 2
     of_signals: float = 0.5
     of_names: float = 0.8
+    whole: float = 0.8
     clearly_more: float = 0.90
 
 

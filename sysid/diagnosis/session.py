@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sysid.data.column_words import may_move
 from sysid.data.record import Array
-from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.base_model import Base, shows_motion
 from sysid.diagnosis.gap import Gap, measure_gap
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.forward_selection import Progress
@@ -28,6 +28,7 @@ from sysid.diagnosis.validation.model_error import (
     structured,
 )
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
+from sysid.diagnosis.validation.runs_away import running_away
 from sysid.effects.base import Effect
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
@@ -212,7 +213,7 @@ class DiagnosisSession:
     @property
     def moves(self) -> bool:
         """Whether an output may be of something that turns or moves."""
-        return any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
+        return shows_motion(self.base.parts.estimation[0])
 
     def shapes(self, candidate: CandidateModel) -> tuple[FittedShape, ...]:
         """Every shape without physics around a candidate model, most evidence first."""
@@ -227,7 +228,14 @@ class DiagnosisSession:
         """The proven shape of each output around a candidate model, beside what its errors show."""
         by_name = {o.output: o.share for o in left.outputs}
         names = self.base.parts.holdout[0].output_names
-        return proven(self.shapes(candidate), [by_name.get(name, 0.0) for name in names])
+        shapes = [s for s in self.shapes(candidate) if not self.running_away[s.index]]
+        return proven(shapes, [by_name.get(name, 0.0) for name in names])
+
+    @cached_property
+    def running_away(self) -> NDArray[np.bool_]:
+        """Outputs that only feedback keeps from running away, (ny,): no free run follows these."""
+        alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
+        return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
 
     @cached_property
     def linear_rival(self) -> LinearRival:

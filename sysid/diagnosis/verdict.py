@@ -9,7 +9,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array, Record
 from sysid.diagnosis.diagnosis import OF_THE_LOG
 from sysid.diagnosis.gap import Gap
-from sysid.diagnosis.policies import VERDICT
+from sysid.diagnosis.policies import SHAPES, VERDICT
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.model_error import ResidualStructure, structured
 
@@ -96,7 +96,7 @@ def story(
         rest = f" What remains has a shape: {_shapes(shapes)}." if shapes else ""
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}{rest}"
     if verdict == "shape-found":
-        known = f"Shape known, physics open: {_shapes(shapes)}."
+        known = f"{shape_known(shapes)}: {_shapes(shapes)}."
         return f"{known} No effect of the catalogue explains it."
     if verdict == "unexplained" and remaining.structure is None:
         return too_short(remaining)
@@ -113,6 +113,12 @@ def story(
             f"{remaining.share} of the errors beyond the noise."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
+
+
+def shape_known(shapes: Sequence[FoundShape]) -> str:
+    """How far shapes explain the errors, in words: what they leave may be anything."""
+    part = min((s.share for s in shapes), default=1.0) < SHAPES.whole
+    return f"Shape known{' in part' if part else ''}, physics open"
 
 
 def _shapes(shapes: Sequence[FoundShape]) -> str:

@@ -67,8 +67,9 @@ def _direction(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
 
 def _rate_limit(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # within the sample the drive is a ramp, then held: its mean acts, its end is remembered
-    most = p["rate"] * c.dt
     change = d - s[0]
+    down = xp.where(p["two"] > 0.5, p["fall"], p["rate"])
+    most = xp.where(change * s[0] < 0.0, down, p["rate"]) * c.dt
     limited = xp.minimum(xp.maximum(change, -most), most)
     lost = xp.abs(limited) / (2.0 * most)
     return s[0] + limited * (1.0 - lost), (s[0] + limited,)
@@ -192,6 +193,8 @@ _EDGE = EffectParameter(
     at_null=True,
     measured_as="dead_band_forward",
 )
+
+_RATE = EffectParameter("rate", "drive/s", 1e12, 1e-5, 100.0, (), kinks=True)
 
 EFFECTS = (
     INPUT_DELAY,
@@ -351,16 +354,29 @@ EFFECTS = (
         "actuator",
         Place.COMMAND,
         Texts(
-            "|ḋ| ≤ r",
+            "|ḋ| ≤ r, or of another rate where |d| falls",
             "The drive cannot change faster than some rate.",
             "Large steps are ramps; small steps are not affected.",
             "Steps of very different size.",
         ),
         # a furnace is driven up in hours
-        (EffectParameter("rate", "drive/s", 1e12, 1e-5, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
+        (
+            replace(_RATE, starts=(0.4, 1.0, 3.0, 8.0, 1.0, 3.0)),
+            replace(_RATE, name="fall", starts=(0.4, 1.0, 3.0, 8.0, 3.0, 1.0)),
+            EffectParameter("two", "", 0.0, 0.0, 1.0, (0.0,) * 4 + (1.0,) * 2, choice=True),
+        ),
         _rate_limit,
         memory=Memory(
             1,
+        ),
+        laws=(
+            Law(("rate",), choices={"two": 0.0}),
+            Law(
+                ("rate", "fall"),
+                choices={"two": 1.0},
+                sentence="It speeds up at one rate and slows down at another, as the two ramps of "
+                "a frequency converter are set.",
+            ),
         ),
         hints=Hints(
             starts_from=StartsFrom.RAMPS,

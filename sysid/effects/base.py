@@ -307,7 +307,6 @@ class Hints:
         ties: effects that many logs cannot distinguish from it.
         rare: whether one of its ties is preferred where a log cannot distinguish them.
         programmes: commands that show it, the best first.
-        starts_from: what the search for it starts from.
         weakens: whether a base without it has a smaller gain instead, so that the search starts
             from a larger one, too.
         gathers: whether it comes on slowly over the log, and explains nothing that changes at once.

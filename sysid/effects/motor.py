@@ -33,7 +33,8 @@ def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signa
     turns = p["emf"] * 0.5 * (c.w + c.w_free)
     remaining = (torque - lost * (torque - turns)) / (1.0 - lost * p["emf"] * 0.5 * c.b)
     current = (remaining - turns - p["emf"] * 0.5 * c.b * remaining) / c.gain
-    heats = xp.where(by_current, current**2 * (1.0 + warm), c.drive**2)
+    driven = xp.where(p["by_current"] < -0.5, xp.abs(c.drive), c.drive**2)
+    heats = xp.where(by_current, current**2 * (1.0 + warm), driven)
     heat = s[0] + p["warming"] * (heats - s[0])
     return xp.where(by_current, remaining, torque * (1.0 - warm)), (heat,)
 
@@ -90,17 +91,19 @@ EFFECTS = (
         "motor",
         Place.TORQUE,
         Texts(
-            "θ_h ḣ = d² − h; T → T(1 − l h), or θ_h ḣ = i² (1 + l h) − h with the current "
-            "i = (T − ε ω)/(1 + l h) of a share of stall",
+            "θ_h ḣ = d² − h; T → T(1 − l h), |d| in place of d² where d switches a supply on for a "
+            "share of time; or θ_h ḣ = i² (1 + l h) − h with the current i = (T − ε ω)/(1 + l h)",
             "The motor weakens as it warms up.",
             "After long hard driving the same command reaches less speed, and recovers in rest.",
             "A minute of full drive, then the first test again, then rest, then again.",
         ),
         (
-            EffectParameter("loss", "", 0.0, 0.0, 20.0, (0.15, 0.35, 1.0, 2.0, 2.0)),
-            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0, 15.0, 60.0)),
+            EffectParameter("loss", "", 0.0, 0.0, 20.0, (0.15, 0.35, 1.0, 2.0, 2.0, 0.15)),
+            EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0, 15.0, 60.0, 40.0)),
             EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,), at_limit=True),
-            EffectParameter("by_current", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2, choice=True),
+            EffectParameter(
+                "by_current", "", 0.0, -1.0, 1.0, (0.0,) * 3 + (1.0,) * 2 + (-1.0,), choice=True
+            ),
         ),
         _thermal,
         lambda xp, p, dt, kept: {"warming": 1.0 - xp.exp(-dt / p["time"])},
@@ -111,6 +114,11 @@ EFFECTS = (
         ),
         laws=(
             Law(("loss", "time"), choices={"by_current": 0.0}),
+            Law(
+                ("loss", "time"),
+                choices={"by_current": -1.0},
+                sentence="It warms with the share of time that it is switched on.",
+            ),
             Law(
                 ("loss", "time", "emf"),
                 choices={"by_current": 1.0},

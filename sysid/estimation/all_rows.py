@@ -42,7 +42,6 @@ class AllRows:
     Attributes:
         log: the file.
         dt: sample time [s].
-        rows: of a block.
     """
 
     log: Blocks
@@ -77,7 +76,6 @@ def on_all_rows(
 
     Args:
         identification: what the stretches gave.
-        facts: of the stretches.
         rows: read at once.
     """
     every = AllRows(log, facts.records[0].dt, rows)

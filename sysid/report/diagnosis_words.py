@@ -14,7 +14,7 @@ from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region, leading
 from sysid.diagnosis.validation.model_error import ResidualVerdict
-from sysid.diagnosis.verdict import ASTRAY
+from sysid.diagnosis.verdict import ASTRAY, shape_known
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.estimation.assessment.delta_method import NORMAL
@@ -71,7 +71,7 @@ def headline(result: Diagnosis, ties: bool = True) -> str:
         return f"Missing: {missing}{seen}"
     if result.verdict == "shape-found":
         places = ", ".join(dict.fromkeys(s.place for s in result.shapes))
-        return f"Shape known, physics open: {places}{seen}"
+        return f"{shape_known(result.shapes)}: {places}{seen}"
     if result.verdict != "unexplained" and result.undecided:
         return result.undecided.partition(":")[0] + seen
     if result.verdict != "unexplained":

@@ -74,9 +74,7 @@ class StoredData:
     def estimation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         provenance = stored.model.provenance
         wanted = [(s.sha256, s.first, s.samples) for s in provenance.data]
-        return self._found(
-            provenance.options, provenance.options.get("files"), wanted, stored.model.dt
-        )
+        return self._found(stored, provenance.options.get("files"), wanted)
 
     def validation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         """What the model was judged on when it was fitted, or None where that is not known."""
@@ -87,29 +85,32 @@ class StoredData:
             wanted = [(s["sha256"], s["first"], s["samples"]) for s in judged_on["sources"]]
         except (KeyError, TypeError):
             return None
-        options = stored.model.provenance.options
-        return self._found(options, judged_on.get("files"), wanted, stored.model.dt)
+        return self._found(stored, judged_on.get("files"), wanted)
 
     def judging(self, stored: StoredModel) -> "tuple[Record, ...]":
         """What judges a model: its validation log, else what it was fitted to."""
         return self.validation(stored) or self.estimation(stored) or ()
 
     def _found(
-        self,
-        options: Mapping[str, Any],
-        files: Any,
-        wanted: list[tuple[str, float, int]],
-        dt: float,
+        self, stored: StoredModel, files: Any, wanted: list[tuple[str, float, int]]
     ) -> "tuple[Record, ...] | None":
+        """The pieces of a model's logs; None where they are gone or are not what it was fitted to.
+
+        A diagnosis models the rate of an output that integrates: the file holds the output.
+        """
         from sysid.errors import SysidError
 
+        model = stored.model
         try:
-            whole = self._prepared(options, list(files or []), dt)
+            whole = self._prepared(model.provenance.options, list(files or []), model.dt)
         except (SysidError, KeyError, TypeError):
             return None
         pieces = [_piece(whole, *source) for source in wanted]
         records = tuple(p for p in pieces if p is not None)
-        return records if records and len(records) == len(wanted) else None
+        if not records or len(records) != len(wanted):
+            return None
+        there = {*records[0].input_names, *records[0].output_names}
+        return records if {c.name for c in (*model.inputs, *model.outputs)} <= there else None
 
     def _prepared(
         self, options: Mapping[str, Any], files: list[str], dt: float

@@ -48,6 +48,7 @@ def test_before_a_fit_a_file_is_enough(capsys: Capture) -> None:
     assert Path("when.svg").is_file()
 
 
+@pytest.mark.slow
 def test_what_only_shows_together_is_said_once_and_before_the_fit(capsys: Capture) -> None:
     split = Path(FILE).read_text().replace("gain*u", "gain*share*u")
     split = split.replace("  gain:", "  share: {start: 1, bounds: [0.1, 10]}\n  gain:")

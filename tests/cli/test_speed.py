@@ -119,44 +119,6 @@ def test_what_only_describes_models_waits_for_no_filter(
     assert (done["code"], done["found"]) == (0, [])
 
 
-@pytest.mark.slow
-def test_linear_fit_costs_little_more_than_its_libraries(tmp_path: Path) -> None:
-    """Processor time of a fit of 10⁴ samples as a command, over that of what it must import.
-
-    The least of five runs each, in turn, all but the first with compiled modules, as an
-    installation has them (a machine of CI may forbid to write them): measured 1.7 to 2.2,
-    the latter on a busy machine.
-    """
-    record = simulated(10_000, seed=1)
-    rows = np.column_stack([record.t, record.u, record.y])
-    log = tmp_path / "log.csv"
-    np.savetxt(log, rows, fmt="%.9g", delimiter=",", header="t,u,y", comments="")
-    line = ["fit", str(log), "--structure", "arx", "--orders", "na=2 nb=2"]
-    libraries = "import csv, numpy, scipy.linalg, scipy.signal, typer"
-    command = (
-        f"import sys; sys.argv = ['sysid', *{line!r}]\nfrom sysid_cli.start import main; main()"
-    )
-    runs = [[processor_time(code, tmp_path) for code in (command, libraries)] for _ in range(5)]
-    ratio = float(np.divide(*np.min(runs, axis=0)))
-    assert ratio < 2.5, f"a fit takes {ratio:.2f} times what its libraries take"
-
-
-def processor_time(code: str, folder: Path) -> float:
-    """Seconds of user and system time that Python needs for ``code``."""
-    before = os.times()
-    subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=folder,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-        | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPYCACHEPREFIX": str(folder / "compiled")},
-        capture_output=True,
-        check=True,
-    )
-    after = os.times()
-    spent = after.children_user - before.children_user
-    return spent + after.children_system - before.children_system
-
-
 def test_a_mission_waits_for_no_reader_and_no_solver(tmp_path: Path) -> None:
     """Half of the second that a cold ``simulate`` took was importing what only fits need."""
     fitted = ["fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2"]

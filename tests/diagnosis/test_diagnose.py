@@ -1,7 +1,9 @@
 """What a diagnosis names in logs that hide something, made by a twin that shares no code."""
 
 import dataclasses
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -54,6 +56,14 @@ def logs(
     return found
 
 
+@cache
+def diagnosed(hidden: str, seed: int, style: str) -> tuple[dict[str, Record], Diagnosis]:
+    """Logs that hide an effect and what is found in them, once for all tests."""
+    with TemporaryDirectory() as folder:
+        log = logs(Path(folder), hidden, seed, style)
+    return log, diagnose([log["est"]], [log["val"]])
+
+
 def entries(found: Diagnosis) -> list[set[str]]:
     return [{e.id, *e.indistinguishable} for e in found.effects]
 
@@ -72,10 +82,9 @@ def entries(found: Diagnosis) -> list[set[str]]:
     ],
 )
 def test_the_hidden_effect_comes_first_and_the_error_falls_to_the_noise(
-    hidden: str, seed: int, style: str, tmp_path: Path
+    hidden: str, seed: int, style: str
 ) -> None:
-    log = logs(tmp_path, hidden, seed, style)
-    found = diagnose([log["est"]], [log["val"]])
+    _, found = diagnosed(hidden, seed, style)
     assert found.verdict == "effects-found"
     assert hidden in entries(found)[0]
     assert found.gap.closed_percent > 80.0
@@ -89,15 +98,6 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
         found = diagnose([log["est"]], [log["val"]])
         assert (found.verdict, found.effects) == ("no-missing-effect", ())
         assert found.after is found.before
-
-
-@pytest.mark.slow
-def test_two_effects_are_named_by_an_entry_each(tmp_path: Path) -> None:
-    log = logs(tmp_path, "dead-zone+sensor-saturation", 31)
-    found = diagnose([log["est"]], [log["val"]])
-    names = entries(found)
-    assert any("dead-zone" in e for e in names)
-    assert any("sensor-saturation" in e for e in names)
 
 
 def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(tmp_path: Path) -> None:
@@ -125,15 +125,14 @@ def test_a_changed_robot_is_told_from_a_missing_effect(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_given_model_is_taken_as_it_is_and_may_have_absorbed_the_effect(tmp_path: Path) -> None:
-    made = logs(tmp_path, "dead-zone", 11)
+def test_a_given_model_is_taken_as_it_is_and_may_have_absorbed_the_effect() -> None:
+    made, plain = diagnosed("dead-zone", 11, "steps")
     asked = FitRequest(structures=("oe",), orders="nb=1 nf=1 nk=1")
     model = identify([made["est"]], [], asked).assessments[0].model
     found = diagnose([made["est"]], [made["val"]], model=model)
     assert found.before is model
     assert any("absorbed" in w for w in found.warnings)
     # without it the baseline is the base, and the model is only compared with the result
-    plain = diagnose([made["est"]], [made["val"]])
     assert entries(plain) == [{"dead-zone"}]
     assert plain.gap.closed_percent > 95.0
     beside = compared("oe-1", model, plain.traces)
@@ -145,9 +144,8 @@ def test_a_given_model_is_taken_as_it_is_and_may_have_absorbed_the_effect(tmp_pa
 
 
 @pytest.mark.slow
-def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
-    log = logs(tmp_path, "dead-zone", 11)
-    found = diagnose([log["est"]], [log["val"]])
+def test_the_augmented_model_runs_as_the_search_did() -> None:
+    _, found = diagnosed("dead-zone", 11, "steps")
     assert isinstance(found.after.structure, Augmented)
     held = next(t for t in found.traces if t.role == "held-out")
     x0 = found.after.fitted_state(held.record, 1)
@@ -161,9 +159,9 @@ def test_the_augmented_model_runs_as_the_search_did(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_log_gives_the_same_diagnosis(tmp_path: Path) -> None:
-    log = logs(tmp_path, "coulomb-friction", 13)
-    once = diagnose([log["est"]], [log["val"]]).to_json()
+def test_the_same_log_gives_the_same_diagnosis() -> None:
+    log, found = diagnosed("coulomb-friction", 13, "steps")
+    once = found.to_json()
     again = diagnose([log["est"]], [log["val"]]).to_json()
     assert {k: v for k, v in once.items() if k != "seconds"} == {
         k: v for k, v in again.items() if k != "seconds"
@@ -286,6 +284,8 @@ def test_a_position_is_known_for_the_integral_of_its_drive() -> None:
     assert not integrates([dataclasses.replace(made, y=v[:, None])])
     rate = rates([made], 2)[0]
     assert (rate.output_names, rate.outputs[0].unit, rate.dt) == (("position_rate",), "m/s", 0.02)
+    in_mm = dataclasses.replace(made, outputs=(Channel("position", "m", 1e-3, "mm"),))
+    assert rates([in_mm], 2)[0].outputs[0].to_file == (pytest.approx(1e3), "mm/s")
     # central differences over ±2 samples of a speed that forgets over 100
     np.testing.assert_allclose(rate.y[:, 0], v[2 : 2 * len(rate) + 2 : 2], atol=0.02)
 

@@ -65,7 +65,7 @@ def test_an_oven_is_not_spoken_of_as_a_track() -> None:
         ("y_force", "", False),
         ("y", "K", False),
         ("y_tacho_V", "V", True),
-        ("angle_rad", "rad", True),
+        ("angle_rad", "rad", False),  # it does not integrate: a spring or a weight holds it
         ("y", "", True),
     ],
 )
@@ -75,9 +75,7 @@ def test_friction_is_offered_only_to_what_may_move(name: str, unit: str, moves: 
     offered = {e.id for e in _possible(chain_effects(), record)}
     of_motion = {"coulomb-friction", "backlash", "gravity-load", "current-limit", "speed-ripple"}
     assert offered >= {"input-saturation", "sensor-lag", "load-bias", "battery-discharge"}
-    of_angle = {"gravity-load", "speed-ripple"} if name.startswith("angle") else set()
-    # a position is no speed over which a wheel's angle could be summed
-    assert offered & of_motion == (of_motion - of_angle if moves else set())
+    assert offered & of_motion == (of_motion if moves else set())
 
 
 def test_shares_are_of_what_is_known_to_be_full_drive() -> None:
@@ -201,13 +199,22 @@ def test_a_log_that_no_input_moves_is_never_nothing_missing(here: Path, capsys: 
 
 
 def test_a_headline_is_not_taken_out_of_the_name_of_a_column() -> None:
-    shape = SimpleNamespace(place="speed")
+    shape = SimpleNamespace(place="speed", share=0.9)
     text = "Shape known, physics open: speed_rpm follows pwm linearly."
     result: Any = SimpleNamespace(
         unfollowed="", effects=(), verdict="shape-found", shapes=(shape,), undecided="", story=text
     )
     assert headline(result) == "Shape known, physics open: speed"
     assert diagnosis_words.story(result) == "speed_rpm follows pwm linearly."
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.9, "Shape known, physics"), (0.6, "Shape known in part, physics")]
+)
+def test_a_shape_that_leaves_much_is_known_in_part(share: float, said: str) -> None:
+    shape: Any = SimpleNamespace(id="load-step", share=share, sentence="a load sets in", output="y")
+    remaining: Any = None
+    assert story("shape-found", [], remaining, shapes=(shape,)).startswith(said)
 
 
 def test_a_run_that_left_the_log_is_said_to_be_far_off() -> None:

@@ -44,7 +44,7 @@ def test_the_baseline_takes_rows_as_they_were_written(written: str, delay: int) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("written", ["before", "after", "between"])
+@pytest.mark.parametrize("written", ["after", "between"])
 def test_what_is_hidden_does_not_depend_on_how_rows_were_written(written: str) -> None:
     nothing = diagnose([driven(written, 1)], [driven(written, 2)])
     assert nothing.verdict == "no-missing-effect"

@@ -369,6 +369,18 @@ def test_a_winding_warms_by_its_current_and_resists_it() -> None:
     assert np.max(np.abs(expected - run({}, np.tile(drive, (2, 1)).T)[:, 0])) > 1.0
 
 
+def test_what_a_supply_is_switched_to_warms_by_the_share_of_time() -> None:
+    loss, time, d = 0.4, 8.0, 0.5
+    numbers = {"loss": loss, "time": time, "emf": 0.0, "by_current": -1.0}
+    drive = np.full((600, 2), d)
+    found = run({"thermal-fade": {k: both(v) for k, v in numbers.items()}}, drive)[:, 0]
+    warm = 1.0 - np.exp(-DT * np.arange(len(drive)) / time)
+    expected = GAIN * d * (1.0 - loss * d * warm)
+    # behind five time constants of the motor the speed lags the falling torque by τ/θ of a slope
+    late = DT * np.arange(len(drive)) > 5.0 * TAU
+    np.testing.assert_allclose(found[late], expected[late], atol=2.0 * GAIN * d * loss * TAU / time)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("rub", [0.0, 1.5])
 @pytest.mark.parametrize("dt", [0.02, 0.1])

@@ -7,6 +7,8 @@ from sysid.data.record import Array
 from sysid.structures.augmented.structure import Augmented
 
 DT, TAU, GAIN, LEVEL = 0.05, 0.25, 20.0, 3.0
+FINE = 500
+"""Small steps in a sample."""
 
 
 def speeds(drives: list[float], parts: int, effect: str, numbers: list[float]) -> Array:
@@ -23,9 +25,9 @@ def speeds(drives: list[float], parts: int, effect: str, numbers: list[float]) -
 def test_a_reversal_within_a_sample_is_exact(back: float) -> None:
     drives = [0.0, 1.0, back, 0.6, back]
     coarse = speeds(drives, 1, "coulomb-friction", [LEVEL, 0.0, 0.0, 0.0])
-    fine = speeds(drives, 2000, "coulomb-friction", [LEVEL, 0.0, 0.0, 0.0])
-    # small steps err by what one of them is worth at a passage, Δt/2000 · T/τ
-    np.testing.assert_allclose(coarse, fine, atol=DT / 2000 * 2.0 * GAIN / TAU)
+    fine = speeds(drives, FINE, "coulomb-friction", [LEVEL, 0.0, 0.0, 0.0])
+    # small steps err by what one of them is worth at a passage, Δt/FINE · T/τ
+    np.testing.assert_allclose(coarse, fine, atol=DT / FINE * 2.0 * GAIN / TAU)
     assert np.ptp(coarse) > 5.0
 
 

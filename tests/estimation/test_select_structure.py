@@ -130,6 +130,7 @@ def _two_outputs(samples: int) -> Record:
     return Record(u, y, 0.1)
 
 
+@pytest.mark.slow
 def test_what_else_is_tried_follows_from_the_data() -> None:
     """Process models where samples are few, state space of several outputs."""
     few, many, two = _motor(80), _motor(260), _two_outputs(400)

@@ -270,6 +270,7 @@ def test_the_centre_of_mass_ahead_moves_the_centre_of_turning_ahead() -> None:
     assert math.hypot(turned.x - last.x, turned.y - last.y) > 1e-3
 
 
+@pytest.mark.slow
 def test_jax_gives_the_same_numbers_and_derivatives_in_every_parameter() -> None:
     jax = jax_module()
     jnp = jax.numpy

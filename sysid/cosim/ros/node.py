@@ -173,11 +173,7 @@ def _append_system_packages(
 
 @dataclass(frozen=True)
 class Node:
-    """A node that is registered.
-
-    Attributes:
-        master: where it is registered.
-    """
+    """A node that is registered."""
 
     ros: Ros
     master: Master

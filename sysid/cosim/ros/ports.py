@@ -78,7 +78,6 @@ class _Talk:
         """The next message.
 
         Args:
-            topic: what it is waited for on.
             patience: how long [s].
         """
         until, gone = time.monotonic() + patience, 0.0

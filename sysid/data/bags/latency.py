@@ -52,7 +52,6 @@ class Latency:
     """How late a topic is.
 
     Attributes:
-        topic: the late one.
         seconds: how late [s]; negative where it is early.
         std_error: of that [s].
         behind: the topic it was compared with.

@@ -24,7 +24,6 @@ class Source:
     """Where a column comes from.
 
     Attributes:
-        name: of the column.
         unit: of the numbers in the bag where it is stated, else empty.
         factor: the column is so many times the field.
         topic: where its messages are.

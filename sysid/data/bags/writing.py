@@ -28,11 +28,7 @@ Source = Callable[["Messages"], Iterable[Outgoing]]
 
 
 class Messages:
-    """Makes messages of one kind of ROS from plain values.
-
-    Args:
-        types: the message types.
-    """
+    """Makes messages of one kind of ROS from plain values."""
 
     def __init__(self, types: "Typestore") -> None:
         self._types = types

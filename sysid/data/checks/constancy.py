@@ -74,7 +74,6 @@ class Part:
     """One thing that changes: a gain, or the sum of lags [s], before and after.
 
     Attributes:
-        input: whose gain or lags.
         is_gain: else the lags.
         before, after: their values, at the ends of the log where they change all along.
         error: standard error of ``change``.

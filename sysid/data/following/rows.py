@@ -191,8 +191,6 @@ class _Format:
     """The format of a log, read from its first lines.
 
     Attributes:
-        table: of the first lines.
-        inputs, outputs: channels.
         dt: sample time [s].
         stamps: columns of the clock; none where rows are only counted, or it holds dates.
         zero: stamps of the first row.

@@ -316,7 +316,6 @@ def as_speeds(
         t: instants of the rows [s], (N,).
         values: (N, n), without jumps.
         outputs: output → its unit.
-        speed_of: outputs to be replaced.
     """
     for name in speed_of:
         if name not in outputs:

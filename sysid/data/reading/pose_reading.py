@@ -62,7 +62,6 @@ def pose_in_si(
 
     Args:
         values: (N, n): inputs, outputs and pose as the file has them.
-        choice: what the columns are.
         units: of x, y and angle, as ``pose_conversions`` gives them.
     """
     if not choice.pose:

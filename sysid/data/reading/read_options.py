@@ -36,9 +36,9 @@ class ReadOptions:
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
         unwrap: output → number after which its counter starts over, None to leave its jumps alone;
             an empty name for every output; else it is seen from the measurements (see
-        ``counters``). held: what to do about sensors slower than the log: ``auto`` reads the log at
-        their rate,
-            ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
+            ``counters``).
+        held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
+            ``keep`` leaves every row, a number is that of the rows in a sample (see ``stale``).
         join: files with more columns of the same experiment, ``LOG=FILE`` where there are several
             logs; they are brought onto the log's rows by time (see ``join``).
         join_offset: time of the log less time of the joined file [s]; None to estimate it.

@@ -321,7 +321,6 @@ def at_sensor_rate(record: Record, slow: SlowSensors, t: Array, rows: slice) -> 
         record: on the log's uniform grid.
         slow: as ``slow_sensors`` found it.
         t: instants of the file's rows [s], (N,).
-        rows: those of this record.
     """
     if slow.rows == 1:
         return record

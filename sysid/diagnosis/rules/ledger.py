@@ -9,13 +9,16 @@ from sysid.diagnosis.rules.better_shape import shape_instead
 from sysid.diagnosis.rules.final_model import measured, weakest
 from sysid.diagnosis.rules.outside_catalogue import outside_catalogue
 from sysid.diagnosis.rules.too_few_samples import too_few_samples
+from sysid.diagnosis.rules.unstable_in_loop import unstable_in_loop
 from sysid.diagnosis.search.selection import Selection
 from sysid.diagnosis.session import DiagnosisSession
 
 Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
 """The accepted effect that a rule speaks against, and why; None where it has nothing to say."""
 
-BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType({"better-shape": shape_instead})
+BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType(
+    {"unstable-in-loop": unstable_in_loop, "better-shape": shape_instead}
+)
 """Rules that need no intervals of parameters."""
 
 OBJECTIONS: Mapping[str, Objection] = MappingProxyType(

@@ -49,7 +49,7 @@ def on_bound(p: ModelParameter, value: float) -> bool:
 
 def _at(p: ModelParameter, value: float, target: float) -> bool:
     """Whether a parameter ended at a place, against its range, its usual size and the place."""
-    near = min(1e-3 * (p.upper - p.lower), 0.01 * p.scale)
+    near = min(1e-3 * (p.upper - p.lower), 0.01 * (p.usual or p.scale))
     return abs(value - target) < min(near, 0.5 * abs(target) or near)
 
 
@@ -82,7 +82,7 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
         at_null = _at(p, value, p.null)
         if p.null in (p.lower, p.upper) and at_null:
             ended = p.name == first and not p.of.at_null
-        inside.append((not ended, abs(value - p.null) > 0.02 * p.scale))
+        inside.append((not ended, abs(value - p.null) > 0.02 * (p.usual or p.scale)))
     return all(a for a, _ in inside) and any(b for _, b in inside)
 
 

@@ -70,11 +70,19 @@ class ForwardSelection(CandidateSearch):
                 break
             say(f"starting from {rival.id} instead", 0.6)
             other, other_minor = self._grown(base, rival.model, effects, say, required)
-            if self.best_of(base, (best, other)) is other:
+            if self._explains_more(base, other, best):
                 best, minor = other, other_minor if other_minor is not None else minor
         selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
+
+    def _explains_more(
+        self, base: CandidateModel, rival: CandidateModel, best: CandidateModel
+    ) -> bool:
+        """Whether a rival set is the likelier one; of more names it also has to run otherwise."""
+        if len(rival.effects) > len(best.effects) and alike(rival.errors, best.errors):
+            return False
+        return self.best_of(base, (best, rival)) is rival
 
     def _grown(
         self,

@@ -34,8 +34,9 @@ class FullModel(ParameterTable):
         speed: Array,
         dt: float,
         inputs: int = 0,
+        lag: Array | None = None,
     ) -> None:
-        super().__init__(effects, order, tracks, speed, dt, inputs)
+        super().__init__(effects, order, tracks, speed, dt, inputs, lag)
         run = kernel if compiler() else Stepped
         self._null, self._kernel = (
             self.null,

@@ -41,8 +41,9 @@ def together(
             model = second.model
             touched = first.model.touched | model.touched
             pair = search.scored(base, replace(model, touched=touched), len(effects) ** 2)
-            if pair.evidence.accepted and pair.evidence.ratio < needed and search.admissible(model):
-                found.append(pair)
+            either = (replace(model, effects=e) for e in (model.effects, model.effects[::-1]))
+            if pair.evidence.accepted and pair.evidence.ratio < needed:
+                found += [pair] * all(map(search.admissible, either))
     return max(found, key=lambda j: j.score).model if found else None
 
 

@@ -33,6 +33,7 @@ class ModelParameter:
         of: what the effect declares of it.
         rough: whether it belongs to an effect with a parameter on which runs depend by jumps.
         side: index of the input where several act on one output; else the track.
+        usual: size against which it is as good as nothing, of an effect.
     """
 
     owner: str
@@ -45,6 +46,7 @@ class ModelParameter:
     of: EffectParameter = _OF_CORE
     rough: bool = False
     side: int = 0
+    usual: float = 0.0
 
     @property
     def without_gradient(self) -> bool:
@@ -68,6 +70,8 @@ class ParameterTable:
         speed: typical speed of each track, (tracks,).
         dt: sample time [s].
         inputs: number of inputs where it is not that of the tracks; else 0.
+        lag: of servos, how far they typically are from their set points, (tracks,): what is small
+            against that is as good as nothing, however far the servo travels.
     """
 
     def __init__(
@@ -78,8 +82,10 @@ class ParameterTable:
         speed: Array,
         dt: float,
         inputs: int = 0,
+        lag: Array | None = None,
     ) -> None:
         self.effects, self.order, self.tracks = tuple(effects), order, tracks
+        self.lag = speed if lag is None else lag
         self.speed, self.dt, self.inputs = speed, dt, inputs or tracks
         self.parameters = (
             *(p for i in range(tracks) for p in self._of_core(i, float(speed[i]))),
@@ -117,7 +123,11 @@ class ParameterTable:
         factor = of_speed.get(p.unit, self.dt if p.in_samples else 1.0)
         null = p.null * factor if p.unit in of_speed and abs(p.null) < 1e3 else p.null
         bounds, rough = (p.lower * factor, p.upper * factor), any(q.stepwise for q in e.parameters)
-        return ModelParameter(e.id, p.name, track, null, *bounds, p.size * factor, p, rough, side)
+        lag = float(np.mean(self.lag / self.speed) if track < 0 else self.lag[track] / v)
+        scale, smaller = p.size * factor, lag if p.unit == "speed" else 1.0
+        return ModelParameter(
+            e.id, p.name, track, null, *bounds, scale, p, rough, side, scale * smaller
+        )
 
     def sides(self, e: Effect) -> Sequence[int]:
         """Tracks, or inputs, at which an effect has parameters; -1 where all share them."""

@@ -13,7 +13,7 @@ from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.prepared import Data
 from sysid.diagnosis.search.weight_starts import from_changes
-from sysid.effects.base import OF_SERVO, Effect, Place, StartsFrom, Wave, is_of_servo
+from sysid.effects.base import NO_LAW, OF_SERVO, Effect, Place, StartsFrom, Wave, is_of_servo
 from sysid.effects.catalogue import CHANGED, LEVEL
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
@@ -90,32 +90,50 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
 def _from_ramps(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """The steepest slopes of the measurements over several spans, as rates of the drive.
 
+    Of a law with two parameters the first is that of growing, the second that of falling sizes.
     The base takes ramps for a slow lag: each rate is also tried with a core that is quick.
     """
     rows = []
-    for span, power in product(RAMPS, (1.0, QUICK)):
-        row, rates = q.copy(), np.zeros(model.tracks)
+    for span, power, law in product(RAMPS, (1.0, QUICK), e.laws or (NO_LAW,)):
+        row, rates = q.copy(), np.zeros((model.tracks, 2))
         for i in range(model.tracks):
             gain, f, _ = model.core(q, i)
-            rates[i] = _steepest(data, i, span) / (model.dt * max(abs(gain), 1e-300))
+            steepest = _steepest(data, i, span, len(law.parameters) > 1)
+            rates[i] = np.array(steepest) / (model.dt * max(abs(gain), 1e-300))
             if power != 1.0:
                 poles = np.abs(np.roots([1.0, *f])) ** power
                 model.set_core(row, i, gain, np.asarray(np.poly(poles)[1:], dtype=np.float64))
         if not rates.all():
             continue
+        searched = e.searched(law.choices)
         for k in model.of(e.id):
             p = model.parameters[k]
-            row[k] = p.within(rates.max() if p.track < 0 else rates[p.track])
+            if p.of.choice:
+                row[k] = law.choices[p.name]
+            elif p.name in searched:
+                rate = rates[:, searched.index(p.name)]
+                row[k] = p.within(rate.max() if p.track < 0 else rate[p.track])
         rows.append(row)
     return rows
 
 
-def _steepest(data: Data, track: int, span: int) -> float:
-    """The steepest change a sample of a track's measurements over a span; 0 in shorter records."""
-    parts = data.split(data.y[:, track])
-    slopes = np.concatenate([np.abs(y[span:] - y[:-span]) / span for y in parts])
+def _steepest(data: Data, track: int, span: int, apart: bool) -> tuple[float, float]:
+    """The steepest change a sample of a track's measurements over a span; 0 in shorter records.
+
+    Args:
+        apart: whether that of growing and that of falling sizes; else both are the same.
+    """
+    y = data.y[:, track]
+    slopes = np.concatenate(
+        [(part[span:] - part[:-span]) / span for part in data.split(np.abs(y) if apart else y)]
+    )
     slopes = slopes[np.isfinite(slopes)]  # lost measurements have none
-    return float(np.quantile(slopes, STEEP)) if len(slopes) else 0.0
+    if not len(slopes):
+        return 0.0, 0.0
+    if not apart:
+        return (float(np.quantile(np.abs(slopes), STEEP)),) * 2
+    rise, fall = np.quantile(slopes, STEEP), -np.quantile(slopes, 1.0 - STEEP)
+    return max(float(rise), 0.0), max(float(fall), 0.0)
 
 
 def _other_cores(model: FullModel, q: Array) -> list[Array]:

@@ -21,6 +21,12 @@ LONGEST = 5.0
 MOST_SHARE = 0.05
 """… and up to this share of the log."""
 
+CLEAR = 0.05
+"""A signal keeps clear of zero by this share of its largest value."""
+
+OVER = "1/"
+"""What the name of a signal's reciprocal begins with."""
+
 CORES = 6
 """Lags of first order that stand for the core where it may be far off."""
 
@@ -73,8 +79,10 @@ def later(track: Track) -> Terms | None:
 
 
 def with_another(track: Track) -> Terms | None:
-    """G(q) K d_i c: the effect of an input goes with another signal, lagged or not; scanned."""
-    ways, torque = _products(track, track.others, LAGS)
+    """G(q) K d_i c or G(q) K d_i/c: the effect of an input goes with another signal or, as what
+    heats or feeds a stream goes with the flow, with its reciprocal; lagged or not; scanned."""
+    over = [reciprocal for s in track.others if (reciprocal := _reciprocal(s))]
+    ways, torque = _products(track, (*track.others, *over), LAGS)
     if not ways:
         return None
     of_core = 0 if track.fixed else len(track.f)
@@ -85,6 +93,14 @@ def with_another(track: Track) -> Terms | None:
         return _goes_with(track, i, name, 1.0 + changed, float(fit.coefficients[0])), None
 
     return Terms(track.through(track.gain * torque).T[:, :, None], says, np.zeros(len(ways)))
+
+
+def _reciprocal(signal: Signal) -> Signal | None:
+    """One over a signal that keeps clear of zero."""
+    least, most = float(np.min(signal.values)), float(np.max(signal.values))
+    clear = min(abs(least), abs(most)) > CLEAR * max(abs(least), abs(most))
+    one_sign = clear and least * most > 0.0
+    return Signal(f"{OVER}{signal.name}", 1.0 / signal.values) if one_sign else None
 
 
 def with_unused(track: Track) -> Terms | None:
@@ -138,7 +154,7 @@ def _products(
         lags = _samples(track, tried)
         late = np.hstack([signal[:, None], *(_lagged(track, signal[:, None], n) for n in lags)])
         for i in range(own):
-            if track.channels[i].name != name:
+            if track.channels[i].name != name.removeprefix(OVER):
                 ways += [(i, name)] * late.shape[1]
                 columns.append(track.inputs[:, [i]] * late / size)
     return ways, np.hstack(columns)

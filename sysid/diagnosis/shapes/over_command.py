@@ -54,7 +54,7 @@ def _curve_words(track: Track, x: Array, y: Array) -> str:
     at = float(x[int(np.argmin(slope * np.sign(steepest)))])
     sign = "−" if at < 0.0 else ""
     return (
-        f"the torque is a curve of the command {track.command.name}: its slope is between "
+        f"{track.output.name} follows a curve of {_commands(track)}: its slope is between "
         f"{max(100.0 * ratio, 0.0):.0f} and 100 % of the steepest, least near "
         f"{sign}{_command(track, at)}"
     )
@@ -65,6 +65,14 @@ def _curve(track: Track, x: Array, y: Array, half: Array) -> Curve:
     labels = axis(track.command), axis(track.output, "steady")
     x, y, half = in_log(track, x), factor * y, factor * np.abs(half)
     return Curve(*labels, x, y, y - half, y + half)
+
+
+def _commands(track: Track) -> str:
+    """What a curve or a play takes: a command, or the sum of those of one output."""
+    if not track.adds_inputs:
+        return f"the command {track.command.name}"
+    names = " and ".join(c.name for c in track.channels)
+    return f"the sum of {names}, in units of {track.command.name}"
 
 
 def _command(track: Track, drive: float, digits: int = 3) -> str:
@@ -93,7 +101,7 @@ def play(track: Track) -> Terms | None:
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         words = (
-            f"the command {track.command.name} acts behind a play or hysteresis about "
+            f"{_commands(track)} acts behind a play or hysteresis about "
             f"{_command(track, 2.0 * widths[k], 2)} wide"
         )
         loop = np.concatenate([np.linspace(-1, 1, GRID), np.linspace(1, -1, GRID)])

@@ -75,6 +75,13 @@ def _when(track: Track, row: int, at: Array) -> str:
     return f"at {value_with_error(float(track.t[row]), spacing)} s"
 
 
+def _by(change: float) -> str:
+    """A change of a gain as a share of before; one of its sign is no weaker drive."""
+    if change < -1.0:
+        return f"changes its sign, to {1.0 + change:.2g} times that before,"
+    return f"{'falls' if change < 0.0 else 'rises'} by {abs(100.0 * change):.2g} %"
+
+
 def gain_step(track: Track) -> Terms | None:
     """K d·1[t ≥ t₁]."""
     at, columns = _stepping(track, (track.gain * track.drive)[:, None], None)
@@ -83,11 +90,8 @@ def gain_step(track: Track) -> Terms | None:
         before = static_gain(track, fit)
         change = fit.coefficients[0] * track.gain / before
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
-        verb = "falls" if change < 0.0 else "rises"
-        words = (
-            f"the gain of the command {verb} by {abs(100 * change):.2g} % "
-            f"{_when(track, at[k], at)} (a load engaged, or the supply changed)"
-        )
+        cause = "a load engaged, or the supply changed" if change > -1.0 else "another plant"
+        words = f"the gain of the command {_by(change)} {_when(track, at[k], at)} ({cause})"
         return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
 
     return Terms(columns, says, at.astype(np.float64))
@@ -125,8 +129,7 @@ def plant_step(track: Track) -> Terms | None:
         old, new = (time_constant(track, a) for a in (own, own + c))
         times = f" and its time constant goes from {old:.3g} to {new:.3g} s" if old and new else ""
         words = (
-            f"the gain of the command {'falls' if change < 0 else 'rises'} by "
-            f"{abs(100 * change):.2g} %{times} {_when(track, at[k], at)} "
+            f"the gain of the command {_by(change)}{times} {_when(track, at[k], at)} "
             "(a load engaged or let go, or another part)"
         )
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)

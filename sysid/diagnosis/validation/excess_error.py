@@ -26,8 +26,8 @@ class ExcessError:
     """Errors beyond the noise.
 
     Attributes:
-        outputs: of each output its name, its unit, the RMS beyond the noise, and that in per cent
-            of the usual size of its measurements.
+        outputs: of each output its name, its unit in the file, the RMS beyond the noise in it, and
+            that in per cent of the usual size of its measurements.
         after_time: how far off a robot is after ``LASTS`` [m]; None where the log is no robot's.
         after_way: the same after ``WAY``.
     """
@@ -80,8 +80,9 @@ def excess_error(
     beyond = np.sqrt(np.maximum(np.nanmean(e**2, axis=0) - floor**2, 0.0))
     usual = np.nanpercentile(np.abs(y), USUAL, axis=0)
     sizes = tuple(
-        (c.name, c.unit, float(rms), float(100.0 * rms / max(size, 1e-300)))
+        (c.name, unit, float(factor * rms), float(100.0 * rms / max(size, 1e-300)))
         for c, rms, size in zip(records[0].outputs, beyond, usual, strict=True)
+        for factor, unit in [c.to_file]
     )
     if not (records[0].is_robot_log and all(c.unit == "rad/s" for c in records[0].outputs)):
         return ExcessError(sizes)

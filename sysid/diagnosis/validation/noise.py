@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.facts import LogFacts
+from sysid.data.noise import trimmed_rms
 from sysid.data.record import Array, Record
+from sysid.data.resolution import finest_step
 from sysid.diagnosis.gap import REFUTED, floor_of_errors
 
 MIN_PAIRS = 60
@@ -106,8 +108,9 @@ def between_repeats(records: Sequence[Record], errors: Sequence[Array], pole: fl
     same = np.diff(mark[order]) == 0.0
     apart = (error[order][1:] - error[order][:-1])[same]
     spreads = np.full(error.shape[1], np.inf)
+    y = np.concatenate([r.y for r in records])
     for i, column in enumerate(apart.T):
         there = column[np.isfinite(column)]
         if len(there) >= MIN_PAIRS:
-            spreads[i] = 1.4826 * float(np.median(np.abs(there))) / np.sqrt(2.0)
+            spreads[i] = trimmed_rms(there, finest_step(y[:, i])) / np.sqrt(2.0)
     return spreads

@@ -36,7 +36,6 @@ class FitWithOffset:
 
     Attributes:
         outcome: of the structure without the constant.
-        detrend: with the offset.
         at_fit: the same model's, with inputs counted from where the fit began: initial states that
             were taken as zero are zero there.
         operating_point: with standard errors.

@@ -60,7 +60,6 @@ class Changed:
         seen: number of rows after which it was seen.
         output: number of the output that shows it.
         alarm: how sure and how large it is.
-        before: the estimate before it.
     """
 
     after: int

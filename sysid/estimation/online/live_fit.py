@@ -70,7 +70,6 @@ class LiveFit:
         false_alarms: float = FALSE_ALARMS,
     ) -> None:
         """Args:
-            inputs, outputs: channels.
             dt: sample time [s].
             orders: na, nb, nk; None to choose them from the rows, delays up to 20 samples.
             forgetting: λ; 1 weighs all rows alike.

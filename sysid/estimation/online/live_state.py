@@ -72,7 +72,6 @@ class LiveChange:
         output: the output that showed it.
         chance: probability of a difference as large without a change.
         share: by how much of what the inputs do the output was altered.
-        numbers: what changed.
     """
 
     time: float

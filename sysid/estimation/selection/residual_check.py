@@ -27,7 +27,6 @@ def valid_first(
 
     Args:
         judged: the leader first.
-        reason: why it leads.
         criterion: what ranked them; one of one-step errors has the last word itself.
         names: structures that may come before others for it, all when empty: what nobody named
             leads by its errors alone, since with many states it leaves no trace of a nonlinearity.

@@ -59,7 +59,6 @@ class FrontPicture:
     Attributes:
         trades: up to three.
         shade: of every member of the front, (F,), and what it is.
-        shade_name: the criterion that colours.
         proposed: which member is proposed.
     """
 

@@ -53,7 +53,6 @@ class ResponsePicture:
 
     Attributes:
         panels: in reading order.
-        columns: panels in a row.
     """
 
     title: str

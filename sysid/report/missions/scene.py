@@ -129,7 +129,6 @@ def plane(axes: "Axes", columns: int = 4, unnamed: Collection[str] = ()) -> None
     """Equal scales, the names of the axes, and a legend above the panel.
 
     Args:
-        columns: of the legend.
         unnamed: entries that it leaves out.
     """
     axes.set_aspect("equal", adjustable="datalim")

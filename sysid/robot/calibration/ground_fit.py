@@ -322,7 +322,6 @@ class PoseSearch:
     """Fits on the estimation part, judged on both.
 
     Attributes:
-        estimation, holdout: the problem of each part.
         always: what every fit frees: the lengths of a vehicle without given geometry.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.

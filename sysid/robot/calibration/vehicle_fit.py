@@ -66,7 +66,6 @@ class Fold:
     """Numbers from one half of the paths, judged on the other.
 
     Attributes:
-        before, after: errors on the half that judges.
         numbers: name → value of what was fitted on the other.
     """
 
@@ -80,7 +79,6 @@ class VehicleFit:
     """A vehicle fitted to logs, and what it is worth on held-out windows.
 
     Attributes:
-        trajectories: of all logs.
         estimation, holdout: windows that it was fitted on, and judged on; they overlap fourfold.
         known: lengths that ``before`` stands for.
         given: lengths that a person gave; None for none.

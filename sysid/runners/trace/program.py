@@ -25,7 +25,6 @@ class Cell:
 
     Attributes:
         text: as C.
-        number: its value where it is a number.
         program: where it was recorded, None for a number.
         name: the value or array that must be computed before.
         place: the array and the index at which it stands there, if it does.

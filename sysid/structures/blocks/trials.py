@@ -31,7 +31,6 @@ class ChainData:
 
     Attributes:
         kept: samples to fit on, (N,) of each.
-        holdout: samples to choose on.
         scales: standard deviation of each output.
         states: whether initial states are estimated, or those of rest.
     """

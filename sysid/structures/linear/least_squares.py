@@ -145,7 +145,6 @@ class Solved:
     """Least squares of one set of orders.
 
     Attributes:
-        structure: with these orders.
         theta: estimates, (n,).
         log_det: log determinant of the one-step errors' covariance on the records to fit on.
         holdout_log_det: the same on the held-out records.

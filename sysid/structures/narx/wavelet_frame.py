@@ -225,7 +225,6 @@ class Dictionary:
     Attributes:
         shape, place, flag: of the units, (M,), (M, q), (M,).
         owners: columns of Q that each unit sees.
-        columns: their values.
         separate: whether units see different columns.
     """
 

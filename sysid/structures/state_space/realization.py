@@ -42,7 +42,6 @@ class Realization:
         K: Kalman gain, (n, ny); None where errors are those of the free run.
         source: which input each column of B and D belongs to, (m,).
         lag: by how many samples it acts later, (m,).
-        nu: inputs.
     """
 
     A: Any

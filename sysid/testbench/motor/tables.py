@@ -54,7 +54,6 @@ class Column:
     """What a column of a bench file holds.
 
     Attributes:
-        name: in the file.
         role: voltage, current, torque, speed, angle, time, event, or the name of a constant.
         scale: value in SI = scale × value in the file.
         motor_side: whether its name says that it is of the motor's shaft.

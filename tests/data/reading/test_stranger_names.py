@@ -233,6 +233,8 @@ def test_small_pwm_is_not_called_microseconds(tmp_path: Path) -> None:
         *((u, "rad", np.pi / 180) for u in ("deg", "°", "Grad", "degrees")),
         *((u, "rad/s", 1.0) for u in ("rad/s", "rad s^-1", "rad·s⁻¹")),
         *((u, "m/s", 1 / 3.6) for u in ("km/h", "kmh", "km/H")),
+        *((u, "m/s", 1852 / 3600) for u in ("kn", "kts", "Knots")),  # of ships
+        ("kN", "N", 1e3),
         *((u, "degC", 1.0) for u in ("°C", "degC", "Celsius")),
         ("U/s", "rad/s", 2 * np.pi),
         ("Volt", "V", 1.0),

@@ -254,7 +254,7 @@ def noisier(record: Record, heading: float, seed: int) -> Record:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("heading", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("heading", [0.0, 0.03])
 def test_standard_errors_hold_the_truth_whatever_the_heading_is_worth(heading: float) -> None:
     true = ground("radius-mismatch", 0.94, 1.0)
     z = []

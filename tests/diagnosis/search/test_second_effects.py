@@ -85,7 +85,7 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
     monkeypatch.setattr(DiagnosisSession, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
-    record = SimpleNamespace(outputs=(Channel(output),))
+    record = SimpleNamespace(inputs=(Channel("u", "V"),), outputs=(Channel(output),), nu=1, ny=1)
     study = session(parts=SimpleNamespace(estimation=(record,)))
     named = selection(node(10.0), node(5.0, id), selected(id, node(10.0)))
     assert (outside_catalogue(study, named) is not None) is doubted

@@ -75,6 +75,13 @@ def test_a_thousandth_of_the_speed_is_told_with_what_it_does_to_a_mission() -> N
     assert left.to_json()["after_10_m_m"] == left.after_way
 
 
+def test_the_size_is_in_the_unit_of_the_file() -> None:
+    speed = Channel("v", "m/s", 1.0 / 3.6, "km/h")
+    train = Record(np.ones(50), np.full(50, 20.0), 1.0, (Channel("u"),), (speed,))
+    (size,) = excess_error([train], [np.full((50, 1), 0.5)], np.zeros(1), None).outputs
+    assert size == ("v", "km/h", pytest.approx(1.8), pytest.approx(2.5))
+
+
 def test_lost_samples_and_noise_are_no_part_of_the_size_and_an_oven_drives_nowhere() -> None:
     record, errors = driven(0.01)
     errors[::2] = np.nan

@@ -73,6 +73,17 @@ def test_what_comes_again_with_the_command_is_no_noise() -> None:
     assert np.isinf(between_repeats([Record(alone, error, DT)], [error], 0.7)[0])
 
 
+def test_noise_as_small_as_the_steps_of_the_sensor_is_not_lost_where_commands_recur() -> None:
+    """Half of the differences between two rounded measurements are then zero: not the noise."""
+    record, noise, step = two_level(0.0, hold=10), 0.06, 0.1
+    rng, levels = np.random.default_rng(3), record.y
+    y = step * np.round((levels + noise * rng.standard_normal(levels.shape)) / step)
+    rounded = Record(record.u, y, DT, record.inputs, record.outputs)
+    found = between_repeats([rounded], [y - levels], np.exp(-DT / TAU))
+    # rounding adds step²/12; a few hundred pairs know it to a tenth
+    assert found[0] == pytest.approx(np.hypot(noise, step / np.sqrt(12.0)), rel=0.15)
+
+
 def test_errors_are_loud_only_beyond_what_the_noise_may_be() -> None:
     gap = Gap(1.0, 1.0, 0.1, 0.0, (0.0, 0.0), {"y": ChannelGap(1.6, 1.6, 1.0)})
     assert Remaining(None, gap).above_noise

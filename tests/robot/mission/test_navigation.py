@@ -136,7 +136,11 @@ LATE_FIXES: dict[str, Any] = {"position_fixes": {"rate": 4.0, "latency": 0.2, "d
 
 
 @pytest.mark.parametrize(
-    ("kind", "kinds"), [("ekf", LATE_FIXES), ("finite-model", {"gyroscope": {}})]
+    ("kind", "kinds"),
+    [
+        ("ekf", LATE_FIXES),
+        pytest.param("finite-model", {"gyroscope": {}}, marks=pytest.mark.slow),
+    ],
 )
 def test_many_at_once_compiled_are_as_one_after_the_other(kind: str, kinds: dict[str, Any]) -> None:
     """Late measurements, losses and all; eight runs side by side on jax.numpy."""

@@ -36,7 +36,6 @@ class FilePhysics(Physics):
     Runge-Kutta 4; linear ones are stepped exactly, u held.
 
     Attributes:
-        text: the file.
         point: mean inputs, then mean outputs, of the data, about which time constants are stated.
     """
 
