@@ -322,7 +322,7 @@ class _Assembly:
         """What a reader should know beside the effects."""
         session, selection, pose = self.session, self.selection, self.pose
         base, records = session.base, session.base.parts.estimation
-        said = [*findings.running_away(session), *findings.absorbed(base, selection)]
+        said = list(findings.absorbed(base, selection))
         if self.model is not None and self.model.fitted_to(records):
             said.append(
                 "The given model was fitted to this log and may have absorbed what is missing from "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.checks.dynamics_checks import change_sentence
+from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
@@ -22,6 +23,7 @@ from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground
 from sysid.diagnosis.validation.mission import prove_on_mission
+from sysid.diagnosis.validation.runs_away import RUNS_AWAY, running_away, without
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
@@ -82,7 +84,14 @@ def diagnose(
     if neutral.any():
         estimation = counted_from(neutral, estimation)
         holdout = counted_from(neutral, holdout) if holdout else None
+    alone = () if model is not None else running_away(LogFacts.of(estimation))
+    if alone and len(alone) < logs[0].ny and logs[0].nu == 1:
+        estimation = without(alone, estimation)
+        holdout = without(alone, holdout) if holdout else None
     diagnosis = _searched(estimation, holdout, model, geometry, measured or {}, say, seed)
+    if alone:
+        warnings = (f"{' and '.join(alone)} {RUNS_AWAY}", *diagnosis.warnings)
+        diagnosis = replace(diagnosis, warnings=warnings)
     if neutral.any():
         diagnosis = as_logged(diagnosis, neutral)
     if geometry is not None and diagnosis.geometry is None and mission is None:

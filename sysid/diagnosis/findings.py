@@ -11,7 +11,6 @@ from sysid.diagnosis.diagnosis import NamedEffect, Trace, Value
 from sysid.diagnosis.samples import SampleEffects
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
-from sysid.diagnosis.session import DiagnosisSession
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
@@ -133,16 +132,6 @@ def sample_effects(inspected: SampleEffects) -> tuple[NamedEffect, ...]:
         )
         for effect, unit, each in seen
         if each
-    )
-
-
-def running_away(session: DiagnosisSession) -> tuple[str, ...]:
-    """A warning where an output of a closed loop is unstable by itself."""
-    names = np.array(session.base.parts.estimation[0].output_names)[session.running_away]
-    return tuple(
-        f"{name} runs away without its controller: no free run of a model follows it, and nothing "
-        "is said of it. Diagnose the other outputs, or the closed loop from its set point."
-        for name in names
     )
 
 

@@ -28,7 +28,7 @@ from sysid.diagnosis.validation.model_error import (
     structured,
 )
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
-from sysid.diagnosis.validation.runs_away import runs_away
+from sysid.diagnosis.validation.runs_away import running_away
 from sysid.effects.base import Effect
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
@@ -234,9 +234,8 @@ class DiagnosisSession:
     @cached_property
     def running_away(self) -> NDArray[np.bool_]:
         """Outputs that only feedback keeps from running away, (ny,): no free run follows these."""
-        records = self.base.parts.estimation
-        outputs = range(records[0].ny)
-        return np.array([self.base.in_loop and runs_away(records, i) for i in outputs])
+        alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
+        return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
 
     @cached_property
     def linear_rival(self) -> LinearRival:

@@ -4,16 +4,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.record import Array, Record
+from sysid.data.facts import LogFacts
+from sysid.data.record import Array, Record, shortened
 
 LAGS = 40
 """Lags of the regression: with few, noise of the measurements draws its poles inwards."""
+
+SAMPLES = 5000
+"""Samples that it is looked for on."""
 
 SURE = 4.0
 """Standard errors by which a pole lies beyond 1; position in a loop has one at 1."""
 
 ROWS_A_NUMBER = 5
 """Rows that a regression needs for each of its numbers."""
+
+
+RUNS_AWAY = (
+    "cannot stay bounded without its controller. No free run of a model follows it, and no effect "
+    "is named on it. Diagnose the closed loop from its set point."
+)
+
+
+def running_away(facts: LogFacts) -> tuple[str, ...]:
+    """Outputs of a closed loop that only feedback keeps from running away."""
+    records = shortened(facts.records, SAMPLES)
+    names = [n for i, n in enumerate(records[0].output_names) if runs_away(records, i)]
+    return tuple(names) if names and facts.at_own_rate.surely_closed_loop else ()
+
+
+def without(outputs: Sequence[str], records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records without some of their outputs."""
+    kept = tuple(n for n in records[0].output_names if n not in outputs)
+    return tuple(r.select(r.input_names, kept) for r in records)
 
 
 def runs_away(records: Sequence[Record], i: int) -> bool:

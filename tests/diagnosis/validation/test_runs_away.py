@@ -57,7 +57,11 @@ def test_a_short_log_says_nothing_of_it() -> None:
 
 @pytest.mark.slow
 def test_nothing_is_named_on_what_runs_away() -> None:
-    found = diagnose([balancing(1)])
-    assert all(e.channels == ("wheel",) for e in found.effects)
-    assert all(s.output == "wheel" for s in found.shapes)
-    assert any("pitch runs away without its controller" in w for w in found.warnings)
+    log = balancing(1)
+    found = diagnose([log])
+    (effect,) = found.effects
+    assert (effect.id, effect.channels) == ("dead-zone", ("wheel",))
+    assert any("pitch cannot stay bounded without" in w for w in found.warnings)
+    alone = diagnose([log.select(("pwm",), ("pitch",))])
+    assert not alone.effects
+    assert not alone.shapes
