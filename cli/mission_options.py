@@ -49,8 +49,6 @@ class DriveOptions:
 
     def made(self) -> Driven:
         """The drive as every option of it says."""
-        from sysid.plant.package import read_package
-
         if self.plant is not None and self.mission is None:
             raise UsageError("--plant needs --mission; give the mission of the log")
         for path, option in ((self.mission, "--mission"), (self.plant, "--plant")):
@@ -67,8 +65,14 @@ class DriveOptions:
                     f"{self.mission} gives r = {stated.r:g} m and B = {stated.B:g} m, but "
                     "--geometry differs; omit --geometry or correct the mission"
                 )
-        package = None if self.plant is None else read_package(self.plant, self.accept_changes)
-        return Driven(self.mission, package, lengths)
+        return Driven(self.mission, self._package(), lengths)
+
+    def _package(self) -> "Package | None":
+        if self.plant is None:
+            return None
+        from sysid.plant.package import read_package
+
+        return read_package(self.plant, self.accept_changes)
 
 
 def given_lengths(text: str) -> "Geometry":

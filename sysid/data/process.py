@@ -18,8 +18,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from sysid.data.filtering import lfilter
 from sysid.data.impulse import orthonormal, whitener
 from sysid.data.record import Array, Record
 

@@ -100,8 +100,8 @@ class Record:
         u: inputs, shape (N, nu), read-only.
         y: outputs, shape (N, ny), read-only.
         dt: sample time [s].
-        inputs: the nu input channels.
-        outputs: the ny output channels.
+        inputs: the nu input channels; their names will do where they have no unit.
+        outputs: the ny output channels, as well.
         pose: x [m], y [m], ψ [rad] per sample, shape (N, 3), or None.
         t0: time of the first sample [s].
         name: what to call the record in messages (the file's name).
@@ -376,12 +376,14 @@ def names_of(records: Sequence[Record]) -> str:
     return ", ".join(called)
 
 
-def _named(channels: tuple[Channel, ...], n: int, letter: str, record: str) -> tuple[Channel, ...]:
+def _named(
+    channels: Sequence[Channel | str], n: int, letter: str, record: str
+) -> tuple[Channel, ...]:
     if not channels:
         return tuple(Channel(letter if n == 1 else f"{letter}{i + 1}") for i in range(n))
     if len(channels) != n:
         raise DataError(f"{record}: {n} columns of {letter} but {len(channels)} channel names")
-    return tuple(channels)
+    return tuple(Channel(c) if isinstance(c, str) else c for c in channels)
 
 
 def _index(name: str, names: tuple[str, ...], record: str) -> int:

@@ -1,7 +1,5 @@
 """The steps in which a sensor measures, seen in its measurements."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sysid.data.record import Array
@@ -119,17 +117,6 @@ PARTS, NEARBY = (2, 3, 4), np.linspace(0.98, 1.02, 9)
 lie within the measurements only a part is sought, and multiples are tried near by."""
 
 
-class _Gathered(NamedTuple):
-    """How measurements gather within steps of one length."""
-
-    share: float
-    """Mean resultant of their phases over the steps."""
-    sure: bool
-    """Whether chance gathers them so once in e^16."""
-    moves: bool
-    """Whether measurements in motion gather there, too."""
-
-
 ENOUGH = 30_000
 """Measurements of a long log that are looked at for a lattice, evenly spread."""
 
@@ -153,35 +140,50 @@ def blurred_step(y: Array, agree: float = AGREE) -> float:
     change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
     some = slice(None, None, max(-(-len(y) // ENOUGH), 1))
     y, change = y[some], change[some]
-    for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
-        gathered = _gathered(y, change, float(f))
-        if gathered.sure and gathered.moves and gathered.share > most:
-            best, most = 1.0 / float(f), gathered.share
+    tried = np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size
+    # from one step to the next all phases turn on by as much: an exponential less
+    turned, turn = (np.exp(2j * np.pi * f * y) for f in (tried[0], tried[1] - tried[0]))
+    for f in tried.tolist():
+        share, sure = _gathered(y, turned, f)
+        if share > most and sure and _moving_too(turned, change * f):
+            best, most = 1.0 / f, share
+        turned = turned * turn
     for coarser in [best * k * near for k in PARTS for near in NEARBY] if best > 0.0 else []:
         if size < MIN_STEPS * coarser:
             continue
-        gathered = _gathered(y, change, 1.0 / coarser)
-        if gathered.moves and gathered.share > most:
-            best, most = coarser, gathered.share
+        turned = np.exp(2j * np.pi * y / coarser)
+        share, _ = _gathered(y, turned, 1.0 / coarser)
+        if share > most and _moving_too(turned, change / coarser):
+            best, most = coarser, share
     return float(best)
 
 
-def _gathered(y: Array, change: Array, f: float) -> _Gathered:
-    """How measurements `y` that change by `change` a sample gather within steps of 1/f."""
-    cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
+def _gathered(y: Array, turned: Array, f: float) -> tuple[float, bool]:
+    """How measurements gather within steps of 1/f: the mean resultant of their phases over the
+    steps, and whether chance gathers them so once in e^16.
+
+    Args:
+        turned: exp(2πi f y), (N,).
+    """
+    cell = np.floor(y * f).astype(np.intp)
     cell -= cell.min()
     count = np.bincount(cell)
     there = count >= MIN_IN_CELL
     mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
     mean = mean[there] / count[there]
-    total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
-    moving = turned[change * f > IN_MOTION]
+    total, square = float(abs(np.sum(mean))), float(np.sum(np.abs(mean) ** 2))
+    return total / max(len(mean), 1), square > 0.0 and total**2 / square > SURE_LATTICE
+
+
+def _moving_too(turned: Array, change: Array) -> bool:
+    """Whether measurements in motion gather within steps, too.
+
+    Args:
+        change: steps by which they move in a sample, (N,).
+    """
+    moving = turned[change > IN_MOTION]
     chance = SURE_MOVING / np.sqrt(max(len(moving), 1))
-    return _Gathered(
-        total / max(len(mean), 1),
-        bool(square > 0.0 and total**2 / square > SURE_LATTICE),
-        bool(abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving)),
-    )
+    return bool(abs(np.sum(moving)) > max(0.5 * AGREE, chance) * len(moving))
 
 
 def recurring_step(y: Array) -> float:

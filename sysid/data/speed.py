@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.filtering import lfilter
 from sysid.data.impulse import long_regression
 from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError
@@ -88,8 +89,6 @@ def _simplest_good(candidates: list[tuple[Array, Array]], j: int) -> Array | Non
 
 def _slower_as_good(records: Sequence[Record], step: Array, j: int) -> bool:
     """Whether a step response behind a lag explains output j as well: no input is fast enough."""
-    from scipy.signal import lfilter
-
     a = np.exp(-1.0 / SLOWER)
     late = _explained(records, lfilter([1.0 - a], [1.0, -a], step, axis=0))
     return bool(late[j] >= _explained(records, step)[j] - ALIKE)
@@ -99,16 +98,12 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
     """Share of each output's variance that the inputs explain through the step responses."""
     if not np.all(np.isfinite(step)):
         return np.zeros(step.shape[1])
-    from scipy import signal
-
     impulse = np.diff(step, axis=0, prepend=0.0)
     unexplained, total = np.zeros(step.shape[1]), np.zeros(step.shape[1])
     for r in records:
         u = r.u - r.u.mean(axis=0)
         for j in range(r.ny):
-            predicted = sum(
-                signal.fftconvolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu)
-            )
+            predicted = sum(np.convolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu))
             error = r.y[:, j] - predicted
             with np.errstate(over="ignore"):  # an unstable regression
                 unexplained[j] += np.sum((error - error.mean()) ** 2)

@@ -22,13 +22,11 @@ from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground
-from sysid.diagnosis.validation.mission import prove_on_mission
 from sysid.diagnosis.validation.runs_away import RUNS_AWAY, running_away, without
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
 from sysid.estimation.identify import shares_samples
-from sysid.robot.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 
@@ -79,6 +77,8 @@ def diagnose(
     require_same_kind(logs[1:], logs[0])
     say = progress or (lambda text, share: None)
     if geometry is None and mission is not None:
+        from sysid.robot.mission.spec import load_mission
+
         geometry = load_mission(mission).vehicle.given_geometry
     neutral = np.zeros(logs[0].nu) if model is not None else neutral_commands(estimation)
     if neutral.any():
@@ -173,6 +173,8 @@ def require_apart(estimation: Sequence[Record], holdout: Sequence[Record]) -> No
 def _path(
     mission: Path, records: Sequence[Record], result: Diagnosis, geometry: Geometry | None
 ) -> dict[str, Any]:
+    from sysid.diagnosis.validation.mission import prove_on_mission
+
     proof = prove_on_mission(mission, records, result.before, result.after, geometry)
     traces = []
     for t in proof.traces:

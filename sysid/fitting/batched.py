@@ -86,7 +86,7 @@ def descend_together(
     going = np.asarray(free.any(axis=1))
     A, g = first.normal(np.arange(len(theta)))
     damping = np.full(len(theta), rule.first)
-    for _ in range(rounds):
+    for left in reversed(range(rounds)):
         at = np.flatnonzero(going)
         if not len(at):
             break
@@ -105,7 +105,7 @@ def descend_together(
         damping = np.maximum(damping, rule.least)
         going[at] = ~settled & (damping[at] < rule.most)
         moved = np.flatnonzero(better & going[at])
-        if len(moved):
+        if left and len(moved):  # slopes after the last step would serve none
             A[at[moved]], g[at[moved]] = tried.normal(moved)
     return theta, cost
 

@@ -327,7 +327,7 @@ def differences(
     d = Σ(e² − e₁²) by block; the relative change of the RMSE is √(1 + d̄/ē₁²) − 1, its interval that
     of Student's t of the blocks' d.
     """
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     squares = {}
     for s in shown:
@@ -341,7 +341,7 @@ def differences(
         for i, y in enumerate(s.model.outputs):
             d, base = squares[s.label][:, i] - first[:, i], float(np.nanmean(first[:, i]))
             blocks = np.array([np.nanmean(b) for b in np.array_split(d, BLOCKS)])
-            reach = float(student.ppf(0.975, BLOCKS - 1) * blocks.std(ddof=1) / np.sqrt(BLOCKS))
+            reach = float(stdtrit(BLOCKS - 1, 0.975) * blocks.std(ddof=1) / np.sqrt(BLOCKS))
             ends = [float(np.nanmean(d)) + k * reach for k in (0.0, -1.0, 1.0)]
             grown = [100.0 * (np.sqrt(max(1.0 + e / base, 0.0)) - 1.0) for e in ends]
             rows.append(

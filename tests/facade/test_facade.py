@@ -195,3 +195,19 @@ def test_responses_have_standard_errors_and_pictures() -> None:
     with pytest.raises(AttributeError, match="no plot 'sky'"):
         model.plot.sky()
     assert set(dir(sysid)) == set(sysid.__all__)
+
+
+def test_channels_without_units_are_given_by_their_names() -> None:
+    u = np.linspace(0.0, 1.0, 50)
+    record = sysid.Record(u, 2.0 * u, 0.1, ["heater"], ["oven"])  # type: ignore[arg-type]
+    assert record.input_names == ("heater",)
+    assert record.outputs == (sysid.Channel("oven"),)
+
+
+def test_a_type_of_process_that_was_asked_for_is_said_to_be_given() -> None:
+    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 5)
+    y = np.convolve(u, 0.2 * 0.8 ** np.arange(60))[: len(u)]
+    record = sysid.Record(u, np.roll(y, 1), 0.1)
+    asked = sysid.FitOptions(structure_options={"type": "P1"})
+    found = sysid.identify(record, structures=["process"], options=asked)
+    assert "with the orders given" in found.reason

@@ -82,8 +82,8 @@ def test_every_page_opens_with_an_example_or_says_why_not() -> None:
         assert any(page_examples.examples(docs / f"{page}.md", opening=True)), page
 
 
-ANSWERED = re.compile(r"sysid (fit|diagnose|compare) (?!.*--(full|json))")
-"""Commands whose answers fit a screen."""
+ANSWERED = re.compile(r"sysid (fit|diagnose|compare) (?!.*--(follow|full|json))")
+"""Commands whose answers fit a screen; one that follows a log says more and more."""
 
 SHOWN = [
     *((page, False, long) for page, long in PAGES.items()),

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.bags.clocks import Timed
+from sysid.data.filtering import lfilter
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.clock_offset import AGREES, clock_shift, travelled, way_and_turn
 from sysid.data.reading.timing import zero_order_hold_means
@@ -298,8 +299,6 @@ class _Lagged:
 
     def filtered(self, lags: Sequence[float]) -> Array:
         """The commands behind the lags [s], at the edges of the grid, (M + 1, n)."""
-        from scipy.signal import lfilter
-
         x = np.vstack([np.zeros(self.u.shape[1]), self.u])
         for number, lag in enumerate(lags):
             a = float(np.exp(-self.step / lag))

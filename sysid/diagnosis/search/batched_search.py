@@ -87,9 +87,9 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
     """
     cost = np.where(cost < OVERFLOW, cost, np.inf)
     out = q[int(np.argmin(cost.sum(axis=1)))].copy()
-    for k, parameter in enumerate(model.parameters):
-        if parameter.track >= 0:
-            out[k] = q[int(np.argmin(cost[:, parameter.track])), k]
+    track = np.array([p.track for p in model.parameters])
+    (own,) = np.nonzero(track >= 0)
+    out[own] = q[np.argmin(cost, axis=0)[track[own]], own]
     return np.asarray(out)
 
 

@@ -1,6 +1,7 @@
 """Start values of the search for an effect: from the catalogue, or estimated from the data."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -163,15 +164,7 @@ def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     for lag in LAGS:
         row = q.copy()
         for i in range(model.tracks):
-            drives, sizes = data.split(data.drive[:, [i]]), data.split(data.y[:, i])
-            A, (B,), _ = recovered(
-                drives,
-                [np.abs(y) for y in sizes],
-                [w > 0.0 for w in data.split(data.weight[:, i])],
-                model.order,
-                [(1, model.order)],
-                lag,
-            )
+            A, B = _with_signs(data, i, model.order, lag)
             size = float(A.sum())
             gain = float(B.sum()) / size if abs(size) > 1e-9 else 0.0
             if np.isfinite(gain) and gain != 0.0:
@@ -179,6 +172,20 @@ def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
                 row[model.index[e.id, first.name, i]] = first.starts[0]
         rows.append(row)
     return rows + (_ringing(model, e, q, data) if model.order == 3 else [])
+
+
+@lru_cache(32)  # the same whatever a model holds
+def _with_signs(data: Data, track: int, order: int, lag: float) -> tuple[Array, Array]:
+    """A and B of a track whose measurements got their signs back."""
+    A, (B,), _ = recovered(
+        data.split(data.drive[:, [track]]),
+        [np.abs(y) for y in data.split(data.y[:, track])],
+        [w > 0.0 for w in data.split(data.weight[:, track])],
+        order,
+        [(1, order)],
+        lag,
+    )
+    return A, B
 
 
 def _ringing(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:

@@ -139,14 +139,14 @@ def constancies(views: Sequence[LogView], ids: Sequence[str]) -> tuple[Constancy
 
 
 def _constancy(owner: str, log_values: Sequence[tuple[str, LogParameter]], tests: int) -> Constancy:
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     values = np.array([n.value for _, n in log_values], dtype=np.float64)
     errors = np.array([n.std_error for _, n in log_values], dtype=np.float64)
     weights = errors**-2.0
     mean = float(np.sum(weights * values) / np.sum(weights))
     statistic = float(np.sum(weights * (values - mean) ** 2))
-    p = float(chi2.sf(statistic, len(log_values) - 1))
+    p = float(chdtrc(len(log_values) - 1, statistic))
     scatter = float(np.ptp(values))
     same = p * tests > DIFFERENT or scatter < SLIGHT * abs(mean)
     first = log_values[0][1]

@@ -79,7 +79,7 @@ def _lacks(base: Base, data: Data, q: Array, free: Sequence[int], id: str) -> bo
     Parameters of one effect may cancel (the width of a dead zone and the jump at
     its edge), each away from null, and do nothing together. 2·log-likelihood is compared with χ².
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     model = base.search.model
     of_effect = [k for k in model.of(id) if k in free]
@@ -91,7 +91,7 @@ def _lacks(base: Base, data: Data, q: Array, free: Sequence[int], id: str) -> bo
     without = search(model, start[None], [rest], data, STEPS, BUDGET.coarse)[0][0]
     judged = _judged(base, data, q)
     with_effect, null = judged.squared_error(model.run(np.array([q, without]), judged)).sum(axis=1)
-    return bool(null - with_effect < float(chi2.ppf(CERTAIN, len(of_effect))))
+    return bool(null - with_effect < float(chdtri(len(of_effect), 1.0 - CERTAIN)))
 
 
 def _least_known(base: Base, free: Sequence[int], errors: Mapping[int, float]) -> int | None:

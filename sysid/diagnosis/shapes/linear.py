@@ -129,13 +129,13 @@ def mode(track: Track) -> Terms | None:
 
 def _swings(track: Track, tried: Array) -> Array:
     """The command through two poles each, now and a sample later, (V, N, 2)."""
-    sets = []
-    for w, z in tried:
-        poles = np.exp(w * (-z + np.array([1.0, -1.0]) * np.sqrt(complex(z**2 - 1.0))))
-        a = np.real(np.poly(poles))
-        late = track.filtered(np.array([0.0, a.sum()]), a, track.gain * track.drive)[:, 0]
-        sets.append(np.column_stack([late, track.past(late, 1)]))
-    return np.array(sets)
+    w, z = tried.T
+    apart = np.sqrt(z**2 - 1.0 + 0j)
+    poles = np.exp(w * (apart - z)), np.exp(w * (-apart - z))
+    a = np.column_stack([np.ones_like(w), -np.real(sum(poles)), np.real(poles[0] * poles[1])])
+    b = np.column_stack([np.zeros_like(w), a.sum(axis=1)])
+    late = track.filtered(b, a, track.gain * track.drive)
+    return np.stack([late.T, track.past(late, 1).T], axis=2)
 
 
 def tie(track: Track) -> Terms | None:

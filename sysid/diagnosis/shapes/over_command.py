@@ -117,16 +117,18 @@ def play(track: Track) -> Terms | None:
 
 def played(d: Array, widths: Array, starts: tuple[int, ...]) -> Array:
     """A signal (N,) behind plays of half widths (k,), from the middle of each, (N, k)."""
-    out = np.empty((len(d), len(widths)))
-    first = set(starts)
-    state = np.zeros(len(widths))
     low, high = d[:, None] - widths, d[:, None] + widths
-    for n in range(len(d)):
-        if n in first:
-            state = np.full(len(widths), d[n])
-        state = np.minimum(np.maximum(state, low[n]), high[n])
-        out[n] = state
-    return out
+    first = [n for n in starts if n < len(d)]
+    low[first] = high[first] = d[first][:, None]
+    # a step clips what it is given; two that follow each other clip once, and so, in pairs, do all
+    apart = 1
+    while apart < len(d):
+        later = slice(apart, None)
+        low[later], high[later] = (
+            np.clip(end[:-apart], low[later], high[later]) for end in (low, high)
+        )
+        apart *= 2
+    return low
 
 
 SHAPES = (

@@ -106,14 +106,18 @@ def _penalty(whole: float, z: Array, s: Array, samples: int) -> float:
 
 def spline(low: float, high: float, pieces: int) -> Callable[[Array], Array]:
     """x (N,) → cubic B-splines of equal pieces between two ends, (N, pieces + 3)."""
-    from scipy.interpolate import BSpline
-
     step = max((high - low) / pieces, 1e-12)
-    knots = low + step * np.arange(-DEGREE, pieces + DEGREE + 1)
 
     def basis(x: Array) -> Array:
-        inside = np.clip(x, low, low + step * pieces)
-        return np.asarray(BSpline.design_matrix(inside, knots, DEGREE).toarray())
+        at = np.clip((x - low) / step, 0.0, pieces)
+        piece = np.minimum(at.astype(np.intp), pieces - 1)
+        u = at - piece
+        cubics = (1 - u) ** 3, 4 + 3 * u**2 * (u - 2), 1 + 3 * u * (1 + u - u**2), u**3
+        out = np.zeros((len(x), pieces + DEGREE))
+        np.put_along_axis(
+            out, piece[:, None] + np.arange(DEGREE + 1), np.column_stack(cubics) / 6.0, axis=1
+        )
+        return out
 
     return basis
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.filtering import lfilter
+from sysid.data.filtering import filtered_by_record
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.selection import CandidateModel
@@ -96,10 +96,11 @@ class Track:
     scale: float
 
     def filtered(self, b: Array, a: Array, columns: Array) -> Array:
-        """Columns (N,) or (N, k) through B/A, each record from rest, (N, k)."""
-        x = columns.reshape(len(columns), -1)
-        parts = np.split(x, self.starts[1:-1])
-        return np.concatenate([lfilter(b, a, part, axis=0) for part in parts])
+        """Columns (N,) or (N, k) through B/A, each record from rest, (N, k).
+
+        See ``filtered_by_record``, which takes several filters, too.
+        """
+        return filtered_by_record(b, a, columns.reshape(len(columns), -1), self.starts)
 
     def through(self, torque: Array) -> Array:
         """What terms of the torque, (N,) or (N, k), do to the free run, (N, k)."""

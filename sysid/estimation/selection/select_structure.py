@@ -142,7 +142,8 @@ def select_structure(
     order = ranked_entries(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
-    why = reason(order, criterion, cut.words, given=whole)
+    said = all(structure_class(n).orders_said(options.structure_options or {}) for n in names)
+    why = reason(order, criterion, cut.words, given=whole or said)
     return StructureSelection(order.entries, why + STILL_WORDS.format(cut.words) * still, failed)
 
 

@@ -8,6 +8,7 @@ first φ dt and u(k−d) for the rest (Åström & Wittenmark 1997, Computer-Cont
     x(k+1) = Φ x(k) + Γ₁ u(k−d−1) + Γ₀ u(k−d)
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,9 @@ def discretised(
         delay: τ [s].
         lag: d where it is held: the formulas go on smoothly beyond 0 ≤ φ < 1.
     """
-    n = len(den)
     kind = np.result_type(np.asarray(num).dtype, np.asarray(den).dtype, type(delay), np.float64)
-    A = np.eye(n, k=1).astype(kind)
-    A[-1] = -np.asarray(den)
-    B, C = np.zeros((n, 1), dtype=kind), np.zeros((1, n), dtype=kind)
-    B[-1, 0] = 1.0
+    A, B = companion(np.asarray(den, dtype=kind))
+    C = np.zeros((1, len(A)), dtype=kind)
     C[0, : len(num)] = num
     # slopes are asked a little below zero, too
     d = max(int(np.floor(np.real(delay) / dt + LATE)), 0) if lag is None else lag
@@ -42,12 +40,26 @@ def discretised(
     return rest @ first, over_rest, rest @ over_first, C, d
 
 
+def companion(den: Any) -> tuple[Any, Any]:
+    """A (n, n) and B (n, 1) of 1/(sⁿ + a_{n−1} sⁿ⁻¹ + … + a_0), whose states are derivatives."""
+    A, B = np.eye(len(den), k=1, dtype=den.dtype), np.zeros((len(den), 1), dtype=den.dtype)
+    A[-1], B[-1] = -den, 1.0
+    return A, B
+
+
 def held(A: Any, B: Any, time: Any) -> tuple[Any, Any]:
     """e^{A t} and ∫₀ᵗ e^{A s} ds B."""
-    from scipy.linalg import expm
-
     n = len(A)
     whole = np.zeros((n + 1, n + 1), dtype=np.result_type(A.dtype, type(time)))
     whole[:n, :n], whole[:n, n:] = A, B
-    power = expm(whole * time)
+    power = _exponential((whole * time).tobytes(), n + 1, whole.dtype)
     return power[:n, :n], power[:n, n:]
+
+
+@lru_cache(1024)
+def _exponential(matrix: bytes, n: int, kind: Any) -> Any:
+    """e^M of an (n, n) matrix, kept: of many paths slopes move one at a time."""
+    from scipy.linalg import expm
+
+    M = np.frombuffer(matrix, dtype=kind).reshape(n, n)
+    return expm(M) if M.any() else np.eye(n, dtype=kind)

@@ -8,11 +8,12 @@ The first filter is 1/(s + λ)ⁿ, at several λ.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.continuous.channel import discretised, held
+from sysid.structures.continuous.channel import companion, held
 from sysid.structures.state_space.realization import run
 
 ROUNDS, FEW = 10, 3
@@ -66,8 +67,22 @@ class FoundRow:
 def found_paths(
     rows: Rows, n: int, m: int, dt: float, delayed: bool, level: bool
 ) -> tuple[FoundRow, ...]:
-    """Transfer functions of one output at the best dead times, best first."""
-    rows = [(u[:LONGEST], y[:LONGEST]) for u, y in rows]
+    """Transfer functions of one output at the best dead times, best first.
+
+    Kept, as many shapes of process models ask for the same.
+    """
+    some = [np.column_stack([u[:LONGEST], y[:LONGEST]]) for u, y in rows]
+    asked = tuple((len(r), r.tobytes()) for r in some)
+    return _found_paths(asked, n, m, dt, delayed, level)
+
+
+@lru_cache(64)
+def _found_paths(
+    asked: tuple[tuple[int, bytes], ...], n: int, m: int, dt: float, delayed: bool, level: bool
+) -> tuple[FoundRow, ...]:
+    """The same of records given by their length and the bytes of inputs and output."""
+    tables = [np.frombuffer(whole).reshape(length, -1) for length, whole in asked]
+    rows = [(r[:, :-1], r[:, -1]) for r in tables]
     shortest = min(len(y) for _, y in rows)
     tried: dict[int, FoundRow] = {}
     every = [_filter(s, n, dt) for s in CUT_OFFS]
@@ -134,34 +149,37 @@ def _refined(
         n = len(den)
         den = _stable(solved[:n])
         nums = solved[n : n + nu * (m + 1)].reshape(nu, m + 1)
-        row = _judged(rows, nums, den, dt, d, level)
-        if best is None or row.cost < best[0].cost:
-            best = row, [_clean(u, nums, den, dt) for u, _ in rows]
         instruments = [_clean(u, nums, den, dt) for u, _ in rows]
+        paths = tuple(Found(num, den, d * dt) for num in nums)
+        row = _judged(rows, instruments, paths, d, level)
+        if best is None or row.cost < best.cost:
+            best = row
         if np.linalg.norm(den - last) < SAME * np.linalg.norm(den):
             break
     assert best is not None
-    return best[0]
+    return best
 
 
-def _judged(rows: Rows, nums: Array, den: Array, dt: float, d: int, level: bool) -> FoundRow:
-    """The paths with their free-run error; the level that suits the outputs best."""
-    errors = [y - _clean(u, nums, den, dt) for u, y in rows]
-    e = np.concatenate(errors)
+def _judged(
+    rows: Rows, runs: Sequence[Array], paths: tuple[Found, ...], d: int, level: bool
+) -> FoundRow:
+    """The paths with the error of their free runs; the level that suits the outputs best."""
+    e = np.concatenate([y - run for (_, y), run in zip(rows, runs, strict=True)])
     offset = float(np.mean(e)) if level else 0.0
     cost = float(np.mean((e - offset) ** 2))
-    paths = tuple(Found(num, den, d * dt) for num in nums)
     how = f"instrumental variables, dead time {d} samples" if d else "instrumental variables"
     return FoundRow(paths, offset, cost if np.isfinite(cost) else np.inf, how)
 
 
 def _clean(u: Array, nums: Array, den: Array, dt: float) -> Array:
     """The simulated output of the paths, (N,)."""
-    out = np.zeros(len(u))
+    n = len(den)
     with np.errstate(all="ignore"):
-        for column, num in zip(u.T, nums, strict=True):
-            A, B, _, C, _ = discretised(num, den, 0.0, dt)
-            out += run((A, B, C, np.zeros((1, 1))), column[:, None])[:, 0]
+        A, B = held(*companion(den), dt)
+        C = np.zeros((n, len(nums)))
+        C[: nums.shape[1]] = nums.T
+        # the poles are common: with A, B and C turned round, one run for all inputs
+        out: Array = run((A.T, C, B.T, np.zeros((1, len(nums)))), u)[:, 0]
     return np.nan_to_num(out, nan=1e100, posinf=1e100, neginf=-1e100)
 
 
@@ -171,11 +189,7 @@ def derivatives(x: Array, den: Array, dt: float, hold: bool = False) -> tuple[Ar
     Args:
         hold: whether x is held between samples; else it goes straight from one to the next.
     """
-    n = len(den)
-    A = np.eye(n, k=1)
-    A[-1] = -den
-    B = np.zeros((n, 1))
-    B[-1, 0] = 1.0
+    n, (A, B) = len(den), companion(den)
     start = x[0] if len(x) else 0.0
     x = x - start  # the filter was at rest at the first value
     power, over = held(A, B, dt)

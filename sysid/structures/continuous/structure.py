@@ -19,7 +19,7 @@ from sysid.fitting.searchable import InitialGuesses
 from sysid.structures.continuous.channel import discretised
 from sysid.structures.continuous.instruments import Found, found_paths
 from sysid.structures.motion import dead_time_entry
-from sysid.structures.state_space.realization import Realization
+from sysid.structures.state_space.realization import Realization, moved
 from sysid.structures.state_space.structure import RealizedStructure
 
 PADE = 4
@@ -129,6 +129,33 @@ class ContinuousStructure(RealizedStructure):
             tuple(source[c] for c in used),
             tuple(lag[c] for c in used),
             self.inputs,
+        )
+
+    def matrix_slopes(self, theta: Array, ahead: bool) -> tuple[Array, Array, Array, Array]:
+        """By complex steps; the numbers of a path move its own block alone."""
+        r = self.realization(theta)
+        A, B, C, D = (np.zeros((len(theta), *np.shape(M))) for M in (r.A, r.B, r.C, r.D))
+        thetas, steps = moved(theta)
+        for path, (entries, s) in enumerate(self.parts()):
+            column = slice(path * (1 + self.delayed), (path + 1) * (1 + self.delayed))
+            for k in range(entries.start, entries.stop):
+                Phi, now, before, seen, _ = discretised(
+                    *self.path(thetas[k, entries]), self.dt, r.lag[column.start]
+                )
+                A[k, s, s] = Phi.imag / steps[k]
+                B[k, s, column] = np.hstack([now, before])[:, : 1 + self.delayed].imag / steps[k]
+                C[k, path // self.inputs, s] = seen[0].imag / steps[k]
+        at, outputs = self.constant_places()
+        D[at, outputs, -1] = 1.0
+        return A, B, C, D
+
+    def parts(self) -> tuple[tuple[slice, slice], ...]:
+        """Each path has numbers and states of its own."""
+        paths = self.inputs * self.outputs
+        each = self.n_plain // paths
+        return tuple(
+            (slice(k * each, (k + 1) * each), slice(k * self.degree, (k + 1) * self.degree))
+            for k in range(paths)
         )
 
     def starts(self, records: Sequence[Record], focus: Focus) -> InitialGuesses:

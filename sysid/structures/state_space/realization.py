@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.structures.linear.transfer import TransferMatrix
 
-BLOCK, SHORT = 32, 8
+BLOCK, SHORT = 32, 16
 """Samples of a block of one run, and of many side by side."""
+
+SLIGHT = 8
+"""Up to so many paths from inputs to outputs long blocks cost many runs less than their number."""
 
 SMALL = 1e-30
 """Step of the complex derivatives."""
@@ -170,16 +173,18 @@ def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
     kind = np.result_type(A, B, C, D, u)
     if not samples:
         return np.zeros((*each, *many, 0, ny), dtype=kind)
-    L = min(SHORT if many or each else BLOCK, samples)
+    L = SHORT if many or (each and m * ny > SLIGHT) else BLOCK
     blocks = -(-samples // L)
     padded = np.zeros((*each, blocks * L, m))
     padded[..., :samples, :] = u
     seen = np.empty((*many, L, ny, n), dtype=kind)  # C Aᵏ
     reach = np.empty((*many, L, n, m), dtype=kind)  # Aᵏ B
     seen[..., 0, :, :], reach[..., 0, :, :] = C, B
-    for k in range(1, L):
-        seen[..., k, :, :] = seen[..., k - 1, :, :] @ A
-        reach[..., k, :, :] = A @ reach[..., k - 1, :, :]
+    over, known = A, 1  # A to the power of what is known
+    while known < L:
+        seen[..., known : 2 * known, :, :] = seen[..., :known, :, :] @ over[..., None, :, :]
+        reach[..., known : 2 * known, :, :] = over[..., None, :, :] @ reach[..., :known, :, :]
+        over, known = over @ over, 2 * known
     markov = np.zeros((*many, L + 1, ny, m), dtype=kind)
     markov[..., 0, :, :] = D
     markov[..., 1:L, :, :] = C[..., None, :, :] @ reach[..., :-1, :, :]
@@ -189,7 +194,6 @@ def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
     rows = np.moveaxis(toeplitz, -2, -1).swapaxes(-4, -3).swapaxes(-3, -2)
     y = U @ rows.reshape(*many, L * m, L * ny)
     drive = U @ reach[..., ::-1, :, :].swapaxes(-2, -1).reshape(*many, L * m, n)
-    over = A @ np.linalg.matrix_power(A, L - 1)
     states = np.empty(
         (blocks, *each, *many, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0)
     )

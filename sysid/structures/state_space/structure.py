@@ -99,6 +99,10 @@ class RealizedStructure(LinearStructure, Searchable):
         )
         return A, B, C, D
 
+    def parts(self) -> tuple[tuple[slice, slice], ...]:
+        """Entries of θ, and the states that these and no others move."""
+        return ((slice(0, None), slice(0, None)),)
+
     def with_constant(self, outputs: Sequence[bool]) -> Self:
         return replace(self, levels=tuple(bool(o) for o in outputs))
 
@@ -311,16 +315,19 @@ def _slopes(
     dA, dB, dC, dD = structure.matrix_slopes(theta, ahead)
     n, (samples, columns) = r.core, inputs.shape
     x = run((r.A, r.B, np.eye(n), np.zeros((n, columns))), inputs, x0)
-    signals = np.hstack([x, inputs])
-    driven = np.concatenate([dA, dB], axis=2)
     shown = np.concatenate([dC, dD], axis=2)
-    out = np.empty((len(theta), samples, len(r.C)))
-    of_state = (r.A, np.eye(n), r.C, np.zeros((len(r.C), n)))
-    part = max(1, AT_ONCE // max(samples * n, 1))
-    for k in range(0, len(theta), part):
-        drive = signals @ driven[k : k + part].reshape(-1, signals.shape[1]).T
-        drive = drive.reshape(samples, -1, n).swapaxes(0, 1)
-        out[k : k + part] = run(of_state, drive)
+    out = np.zeros((len(theta), samples, len(r.C)))
+    for entries, s in structure.parts():
+        driven = np.concatenate([dA[entries, s, s], dB[entries, s]], axis=2)
+        signals = np.hstack([x[:, s], inputs])
+        seen = np.flatnonzero(np.any(r.C[:, s], axis=1))
+        size = driven.shape[1]
+        of_state = (r.A[s, s], np.eye(size), r.C[seen, s], np.zeros((len(seen), size)))
+        part = max(1, AT_ONCE // max(samples * size, 1))
+        for k in range(0, len(driven), part):
+            drive = signals @ driven[k : k + part].reshape(-1, signals.shape[1]).T
+            drive = drive.reshape(samples, -1, size).swapaxes(0, 1)
+            out[entries][k : k + part, :, seen] = run(of_state, drive)
     for entry in np.flatnonzero(np.any(shown, axis=(1, 2))):
-        out[entry] += signals @ shown[entry].T
+        out[entry] += np.hstack([x, inputs]) @ shown[entry].T
     return out

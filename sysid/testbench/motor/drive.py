@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.equations import MotorConstants, time_constant
@@ -129,8 +130,6 @@ class _Sliding:
         Where the speed changes its sign the step is cut at the stop (by linear interpolation);
         over the rest of it the shaft stands, or leaves with the torque that it has at the stop.
         """
-        from scipy.signal import lfilter
-
         x0 = np.array([i, w])
         drive = self.b[:, None] * voltage + self.d[:, None] * sense
         modes = self.inverse @ drive.astype(complex)
@@ -178,8 +177,6 @@ class _Standing:
 
     def run(self, i: float, voltage: Array) -> tuple[Array, int]:
         """The current at the following rows, and how many before it moves."""
-        from scipy.signal import lfilter
-
         drive = (1.0 - self.a) * voltage / self.R
         x = lfilter([1.0], [1.0, -self.a], drive, zi=np.array([self.a * i]))[0]
         moves = np.flatnonzero(np.abs(x) > self.holds)

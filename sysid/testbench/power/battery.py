@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
-from scipy.signal import lfilter
 
 from sysid.data.documents import by_field
+from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.fitting.uncertainty import uncertainty
