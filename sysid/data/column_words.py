@@ -55,7 +55,7 @@ SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s"
 MEASUREMENTS = word_groups(
     "y out output ausgang measured actual feedback istwert ist messwert pv",
     "temp temperature temperatur température level füllstand fuellstand pegel niveau",
-    "pressure druck pression ph o2 co2 humidity feuchte moisture lux flow durchfluss débit debit "
+    "pressure druck pression ph o2 co2 humidity feuchte moisture flow durchfluss débit debit "
     "force kraft thrust schub torque drehmoment",
     "position pos angle winkel displacement weg theta phi abstand",
     "yawrate gyro gyr gierrate drehrate",
