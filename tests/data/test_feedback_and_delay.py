@@ -277,3 +277,26 @@ def test_an_input_that_goes_its_own_way_follows_no_law() -> None:
         pole, late, noise = (0.9, 1.0, 0.995)[seed % 3], seed // 6 % 2, (0.0, 0.05)[seed % 2]
         y = lfilter([0.0] * late + [1.0], [1.0, -pole], u) + noise * rng.standard_normal(len(u))
         assert control_law([Record(u[:, None], y[:, None], DT)], 0, 0) is None, seed
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_loop_whose_set_point_rests_is_said_to_show_no_plant(moving: bool) -> None:
+    """Ljung (1999) §13.4: without a signal from outside a simple law leaves the plant open.
+
+    Under a random walk and a set point at rest the best model has a gain of 0.0–0.3, the truth 2.
+    """
+    rng, n, pole = np.random.default_rng(1), 1000, np.exp(-0.1)
+    wished = np.repeat(rng.uniform(0.0, 2.0, n // 50), 50) if moving else np.ones(n)
+    u, y, x, disturbance, total = np.zeros(n), np.zeros(n), 0.0, 0.0, 0.0
+    for k in range(n):
+        disturbance += rng.normal(0.0, 0.02)
+        y[k] = x + disturbance + rng.normal(0.0, 0.01)
+        total += 0.04 * (wished[k] - y[k])
+        u[k] = 0.6 * (wished[k] - y[k]) + total
+        x = pole * x + (1.0 - pole) * 2.0 * u[k]
+    facts = LogFacts((Record(u[:, None], y[:, None], 0.1),))
+    (test,) = facts.feedback or ()
+    assert test.seen
+    assert (test.law is None) == moving
+    said = " ".join(f.text for f in inspect_records(facts))
+    assert ("No set point moves it" in said) != moving

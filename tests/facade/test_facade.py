@@ -209,4 +209,5 @@ def test_a_type_of_process_that_was_asked_for_is_said_to_be_given() -> None:
     y = np.convolve(u, 0.2 * 0.8 ** np.arange(60))[: len(u)]
     record = sysid.Record(u, np.roll(y, 1), 0.1)
     asked = sysid.FitOptions(structure_options={"type": "P1"})
-    assert "with the orders given" in sysid.identify(record, structures=["process"], options=asked).reason
+    found = sysid.identify(record, structures=["process"], options=asked)
+    assert "with the orders given" in found.reason

@@ -99,7 +99,14 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
             f"The input {test.input} responds to {_response(test)}: the data were recorded in "
             "closed loop."
         )
-        yield Finding("feedback", Severity.WARNING, text, advice, test.output)
+        how = advice
+        if test.law is not None and not test.reference:
+            text += (
+                " No set point moves it within the log: gain and time constants of a model may be "
+                "those of the disturbance and the controller."
+            )
+            how = "Step the set point, or add a test signal to the input, and record again."
+        yield Finding("feedback", Severity.WARNING, text, how, test.output)
 
 
 def _response(test: FeedbackTest) -> str:

@@ -139,7 +139,11 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         clearest = min(of_output, key=lambda t: t.p_value)
         p_value = min(1.0, len(by_test) * clearest.p_value)
         test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
-        tests.append(test if test.sure else _by_law(records, test))
+        if not test.sure:
+            test = _by_law(records, test)
+        elif all(r.references is None for r in records):
+            test = replace(test, law=_by_law(records, test).law)
+        tests.append(test)
     with_references = at_most(with_reference(records), MAX_SAMPLES)
     if not with_references:
         return tuple(tests)
