@@ -179,17 +179,21 @@ def fit_baseline(
     judging: Sequence[Record] | LogFacts | None,
     effects: Sequence[Effect],
     highest: int = LARGEST_ORDER,
+    least_delay: int | None = None,
 ) -> Base:
     """Robot logs: per track its own command, first order, nk = 1, no offset. Others: OE up to
     third order with dead time and level chosen on the estimation part.
 
     Args:
         judging: validation logs; None holds blocks out.
+        least_delay: the delay that is not estimated [samples]; as the log shows it unless given.
     """
     on_rate = integrates(LogFacts.of(data).records)
     parts = _divided_rates(data, judging) if on_rate else divided(data, judging)
     first = _require_tracks(parts.estimation)
     least, *other = (1,) if on_rate or _is_servo(first) else _least_delays(parts.facts)
+    if least_delay is not None:
+        least, other = least_delay, []
     base = _baseline(parts, effects, highest, on_rate, least)
     if other and base.search.model.order == 1:
         base = min(base, _baseline(parts, effects, highest, on_rate, *other), key=_left)

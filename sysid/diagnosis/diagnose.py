@@ -15,7 +15,7 @@ from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
-from sysid.diagnosis.first_order import or_on_first_order
+from sysid.diagnosis.first_order import or_a_sample_later, or_on_first_order
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.neutral import as_logged, counted_from, neutral_commands
 from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_pose
@@ -129,6 +129,7 @@ def _searched(
     candidates = base.search.model.effects
     result = session.searched((*candidates, CHANGED) if elsewhere else candidates, say)
     if model is None:
+        result = or_a_sample_later(result, facts, holdout_facts)
         result = or_on_first_order(result, facts, holdout_facts, say)
     say("validation", 0.52)
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)

@@ -14,6 +14,8 @@ from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import SysidError
 
+DELAY = "input-delay"
+
 
 def or_on_first_order(
     result: SelectionResult,
@@ -47,6 +49,34 @@ def or_on_first_order(
         left, other = (_left_by_shapes(r.session) for r in (first_order, result))
         return first_order if left < RULE.as_good * other else result
     return first_order if first_order.session.explains_more(found, kept.final) else result
+
+
+def or_a_sample_later(
+    result: SelectionResult, facts: LogFacts, holdout: LogFacts | None
+) -> SelectionResult:
+    """What a search on the base without a delay has found, or the same on one of a sample.
+
+    Which of both a log is written by is seen before any effect is known, and friction shifts it:
+    a command that then takes effect one sample later does so in the base. The sample is taken where
+    the other effects beside it leave as little without a delay of their own.
+    """
+    session, final = result.session, result.selection.final
+    before = session.base.search
+    if before.delay != 0 or DELAY not in final.effects:
+        return result
+    base = fit_baseline(facts, holdout, chain_effects(), before.model.order, 1)
+    own, q = set(before.model.of(DELAY)), final.q.copy()
+    q[list(own)] = before.model.null[list(own)]
+    others = tuple(e for e in final.effects if e != DELAY)
+    free = tuple(k for k in final.free if k not in own)
+    same = base.search.evaluate(others, q, free, final.touched, final.excluded)
+    fitted = base.search.fitted(same)  # where a drive sticks, other numbers may fit one log better
+    later = min(same, fitted, key=lambda c: c.holdout_rmse)
+    if later.holdout_rmse > RULE.as_good * final.holdout_rmse:
+        return result
+    selected = base.search.account(base.model, later, base.search.model.effects, ())
+    found = replace(result.selection, base=base.model, final=later, selected=selected, intervals={})
+    return SelectionResult(replace(session, base=base), found)
 
 
 def _left_by_shapes(session: DiagnosisSession) -> float:
