@@ -11,10 +11,8 @@ from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.rules.outside_catalogue import stand_in, swings
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
-from sysid.effects.catalogue import chain_effects
+from sysid.effects.catalogue import DELAY, chain_effects
 from sysid.errors import SysidError
-
-DELAY = "input-delay"
 
 
 def or_on_first_order(
@@ -62,12 +60,12 @@ def or_a_sample_later(
     """
     session, final = result.session, result.selection.final
     before = session.base.search
-    if before.delay != 0 or DELAY not in final.effects:
+    if before.delay != 0 or DELAY.id not in final.effects:
         return result
     base = fit_baseline(facts, holdout, chain_effects(), before.model.order, 1)
-    own, q = set(before.model.of(DELAY)), final.q.copy()
+    own, q = set(before.model.of(DELAY.id)), final.q.copy()
     q[list(own)] = before.model.null[list(own)]
-    others = tuple(e for e in final.effects if e != DELAY)
+    others = tuple(e for e in final.effects if e != DELAY.id)
     free = tuple(k for k in final.free if k not in own)
     same = base.search.evaluate(others, q, free, final.touched, final.excluded)
     fitted = base.search.fitted(same)  # where a drive sticks, other numbers may fit one log better
