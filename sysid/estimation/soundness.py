@@ -1,13 +1,12 @@
 """Reasons against a model: an unbounded run, an unobservably slow mode, an unfinished search, bias.
 
-A model can be ahead by its figures and still be of no use for what comes next. Five things show
+A model can be ahead by its figures and still be of no use for what comes next. Four things show
 it:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
   drift that it stands for, and elsewhere it does something else;
 - its parameter search ended before convergence;
-- its gain or slowest time constant may as well be zero: the data ask for fewer modes;
 - a controller was running, and it was fitted by free runs although its residuals are not white: the
   input follows from them, and the parameters do, too (Forssell & Ljung 1999, Automatica 35, 1215).
 
@@ -23,7 +22,6 @@ import numpy as np
 from sysid.criteria.table import criterion
 from sysid.data.record import Array
 from sysid.errors import Termination
-from sysid.estimation.assessment.step_response import step_responses
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.motion import poles, time_constants
@@ -62,29 +60,12 @@ def doubts_about(model: Model) -> Doubts:
     doubts = list(motion_doubts(model.structure, model.theta, longest, model.dt))
     if model.termination is Termination.MAX_ITERATIONS:
         doubts.append("its parameter search ended before convergence")
-    doubts += undetermined(model)
     if model.provenance.options.get(BIASED):
         doubts.append(
             "feedback biases it: a controller was running, its residuals are not white, and it was "
             "fitted without noise model"
         )
     return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
-
-
-def undetermined(model: Model) -> list[str]:
-    """That gain or slowest time constant of the strongest path may be zero or any other number.
-
-    Modes that the data do not ask for follow what is no answer to the input, such as a drift.
-    """
-    s = model.structure
-    steps = step_responses(model) if s.traits.linear and bounded_run(s, model.theta) else ()
-    if not steps:
-        return []
-    strongest = max(steps, key=lambda step: np.nan_to_num(step.moves))
-    slowest = strongest.time_constants[:1]
-    numbers = [("gain", strongest.gain), *(("slowest time constant", t) for t in slowest)]
-    names = [name for name, number in numbers if not number.clear]
-    return [f"its {' and '.join(names)} cannot be determined"] if names else []
 
 
 def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
@@ -153,26 +134,20 @@ def leader(
     ties: Callable[[Entry, Entry], bool],
     settled: Callable[[Entry], bool],
     rank: Callable[[Entry], Any] | None = None,
-    by_chance: Callable[[Entry, Entry], bool] | None = None,
 ) -> Entry:
     """The one of a ranking to take.
 
-    What is not able to lead does not while something else is. A first one that something speaks
-    against gives way to the best that nothing speaks against, if that is behind by no more than
-    chance. Of those that tie with the first one then the ranking decides.
+    What is not able to lead does not while something else is. Of those left that tie with the first
+    the ones that nothing speaks against come before others; among these the ranking decides.
 
     Args:
         ranked: best first.
         able: whether an entry may lead, such as one whose run is bounded.
-        ties: whether an entry is as good as the best of those that may lead.
+        ties: whether an entry is as good as the best of those that may lead, but for chance.
         settled: whether nothing speaks against an entry.
         rank: what ranks those that tie, the smallest first; the ranking itself unless given.
-        by_chance: whether an entry may be behind another by chance; ``ties`` unless given.
     """
     pool = [e for e in ranked if able(e)] or list(ranked)
-    near = by_chance or ties
-    calm = next((e for e in pool if near(e, pool[0]) and settled(e)), None)
-    best = pool[0] if calm is None else calm
-    tied = [e for e in pool if ties(e, best) and (calm is None or settled(e))] or [best]
+    tied = [e for e in pool if ties(e, pool[0])] or pool[:1]
     places = {id(e): k if rank is None else rank(e) for k, e in enumerate(tied)}
-    return min(tied, key=lambda e: places[id(e)])
+    return min(tied, key=lambda e: (not settled(e), places[id(e)]))

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from sysid.data.noise import ROBUST
 from sysid.data.record import Array, Record
-from sysid.fitting.holdout import error_margin
 from sysid.structures.base import Structure
 from sysid.structures.motion import initial_state_window
 
@@ -34,21 +33,9 @@ def free_run_error(
     With ``robust`` errors beyond OUTLYING times the usual one count no more than that, because a
     handful of outliers would drown every difference between models.
     """
-    return held_out_score(s, theta, records, counted, robust, one_step=one_step)[0]
-
-
-def held_out_score(
-    s: Structure,
-    theta: Array,
-    records: Sequence[Record],
-    counted: Sequence[NDArray[np.bool_]],
-    robust: bool = False,
-    *,
-    one_step: bool = False,
-) -> tuple[float, float]:
-    """``free_run_error``, and the fraction by which chance moves it (see ``error_margin``)."""
     window = initial_state_window(s, theta)
-    parts, measured, series = [], [], []
+    parts = []
+    measured = []
     with np.errstate(over="ignore", invalid="ignore"):
         for r, samples in zip(records, counted, strict=True):
             if one_step or not s.nu:  # nothing drives it: how far ahead it sees is one step
@@ -58,9 +45,7 @@ def held_out_score(
                 e = r.y - s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
             parts.append(e[samples])
             measured.append(r.y[samples])
-            series += list(np.where(samples[:, None], e, 0.0).T)
-    error = relative_error(np.concatenate(parts), np.concatenate(measured), robust)
-    return error, error_margin(series) if np.isfinite(error) else float("inf")
+    return relative_error(np.concatenate(parts), np.concatenate(measured), robust)
 
 
 def relative_error(errors: Array, measured: Array, robust: bool = False) -> float:

@@ -16,7 +16,6 @@ from sysid.estimation.selection import select_structure as selection
 from sysid.estimation.selection.defaults import default_structures, usual_orders
 from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
 from sysid.estimation.selection.select_structure import select_structure
-from sysid.estimation.soundness import doubts_about, undetermined
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
@@ -165,41 +164,3 @@ def test_orders_whose_free_run_diverges_give_way(monkeypatch: pytest.MonkeyPatch
     assert bool(told) == (search.best.orders["na"] == 2)
     alone = select_structure(("arx",), [record], FitOptions(), grid=grid[1:])
     assert "Its free run does not settle (largest pole at radius" in alone.reason
-
-
-def heated(seed: int, samples: int = 500, dt: float = 30.0) -> Record:
-    """An oven of 900 s and 60 s and a gain of 1.8, in a room whose temperature wanders."""
-    rng = np.random.default_rng(seed)
-    u = np.repeat(rng.choice([0.0, 30.0, 60.0, 100.0], samples), 20)[:samples]
-    room = np.cumsum(rng.normal(0.0, 0.6, samples))
-    slow, fast = np.exp(-dt / 900.0), np.exp(-dt / 60.0)
-    y = room + 1.8 * lfilter([0.0, 1.0 - fast], [1.0, -fast], u)
-    y = lfilter([0.0, 1.0 - slow], [1.0, -slow], y) + rng.normal(0.0, 0.3, samples)
-    return Record(u[:, None], y[:, None], dt, (Channel("heater", "%"),), (Channel("oven", "degC"),))
-
-
-def test_modes_that_follow_a_drift_have_no_numbers() -> None:
-    """Four poles take the wandering room for a mode of weeks; the plant has two."""
-    record = heated(2)
-    orders = ({"nb": 4, "nf": 4, "nk": 2}, {"nb": 1, "nf": 2, "nk": 2})
-    loose, tight = (fit(structure_class("oe").from_orders(o, 1, 1), [record]) for o in orders)
-    assert undetermined(loose) == ["its gain and slowest time constant cannot be determined"]
-    assert not undetermined(tight)
-    assert "cannot be determined" in doubts_about(loose).words
-
-
-@pytest.mark.parametrize("chance", [0.0, 10.0])
-def test_numbers_that_are_determined_go_before_a_lead_by_chance(
-    chance: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    record, grid = heated(9), [{"nb": 1, "nf": nf, "nk": 2} for nf in (1, 2)]
-    monkeypatch.setattr(
-        final_fits,
-        "undetermined",
-        lambda m: ["it is open"] if m.structure.order_values()["nf"] == 2 else [],
-    )
-    monkeypatch.setattr("sysid.methods.held_out_error.error_margin", lambda _: chance)
-    (entry,) = select_structure(("oe",), [record], FitOptions(), grid=grid).entries
-    assert entry.model.structure.order_values()["nf"] == (1 if chance else 2)
-    told = "oe nb=1 nf=2 nk=2 was ahead by no more than chance, but it is open: nb=1 nf=1 nk=2 is"
-    assert any(told in n for n in entry.notes) == bool(chance)

@@ -11,14 +11,9 @@ from sysid.errors import DataError, ModelError
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.defaults import Grid
-from sysid.estimation.selection.orders import (
-    SEARCH_TOLERANCE,
-    Candidate,
-    OrderSearch,
-    search_orders,
-)
+from sysid.estimation.selection.orders import SEARCH_TOLERANCE, OrderSearch, search_orders
 from sysid.estimation.selection.ranking import Entry
-from sysid.estimation.soundness import bounded_run, undetermined
+from sysid.estimation.soundness import bounded_run
 from sysid.estimation.two_stage import STAGED, inputs_by_reference, marked, whitened
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.options import FitOptions
@@ -31,13 +26,11 @@ Data = tuple[HoldOut, tuple[bool, ...]]
 """What a structure's search sees, and by output whether it estimates an offset."""
 
 NEXT = 3
-"""Orders that are tried where the best ones are of no use; each costs a fit."""
+"""Orders that are tried where the free run of the best diverges; each costs a fit."""
 
 INSIDE = "The unconstrained fit had an unstable pole; the poles were kept inside the unit circle."
 
 DIVERGES = "{} {} was ahead, but fitted to all data its free run diverges: {} is taken."
-
-UNDETERMINED = "{} {} was ahead by no more than chance, but WHY: {} is taken."
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +51,7 @@ class FinalFits:
         started = perf_counter()
         model, notes = self._fitted(name, orders)
         if search is not None and not bounded_run(model.structure, model.theta):
-            rest = [c for c in search.candidates[1:] if c.stable]
-            model, search, notes = self._instead(model, search, notes, rest, DIVERGES)
-        elif search is not None and (why := undetermined(model)):
-            best = search.best
-            limit = (1.0 + max(search.margin, best.chance)) * best.error
-            rest = [c for c in search.candidates if c.n < best.n and c.stable and c.error <= limit]
-            note = UNDETERMINED.replace("WHY", why[0])
-            model, search, notes = self._instead(model, search, notes, rest, note)
+            model, search, notes = self._bounded(model, search, notes)
         return Entry(model, search, perf_counter() - started, notes)
 
     def _fitted(self, name: str, orders: Mapping[str, Any]) -> tuple[Model, tuple[str, ...]]:
@@ -85,27 +71,21 @@ class FinalFits:
             return model, ()
         return fit(made, self.facts, replace(options, stable=True), detrend=self.offsets), (INSIDE,)
 
-    def _instead(
-        self,
-        model: Model,
-        search: OrderSearch,
-        notes: tuple[str, ...],
-        others: Sequence[Candidate],
-        note: str,
+    def _bounded(
+        self, model: Model, search: OrderSearch, notes: tuple[str, ...]
     ) -> tuple[Model, OrderSearch, tuple[str, ...]]:
-        """Of other orders the first whose run is bounded and whose numbers are determined; where
-        none is, what there was."""
-        name, ahead = model.structure.name, search.best
-        for candidate in others[:NEXT]:
+        """Of the next orders the first whose free run is bounded; where none is, what there was."""
+        name, (ahead, *others) = model.structure.name, search.candidates
+        for candidate in [c for c in others if c.stable][:NEXT]:
             try:
                 instead, said = self._fitted(name, candidate.orders)
             except (DataError, ModelError):
                 continue
-            if bounded_run(instead.structure, instead.theta) and not undetermined(instead):
+            if bounded_run(instead.structure, instead.theta):
                 rest = [c for c in search.candidates if c is not candidate]
                 orders = (orders_text(c.orders) for c in (ahead, candidate))
-                search = replace(search, candidates=(candidate, *rest))
-                return instead, search, (*said, note.format(name, *orders))
+                note = DIVERGES.format(name, *orders)
+                return instead, replace(search, candidates=(candidate, *rest)), (*said, note)
         return model, search, notes
 
     def without_feedback(

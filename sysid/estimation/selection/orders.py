@@ -17,7 +17,7 @@ from sysid.estimation.soundness import bounded_run, excess, leader, motion_doubt
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.methods.held_out_error import held_out_score
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.constant_input import with_ones
@@ -50,8 +50,7 @@ class Candidate:
             where the data come from a closed loop.
         stable: whether the free run is bounded; unstable candidates rank behind all others.
         settled: whether nothing speaks against its motion (see ``motion_doubts``); among those
-            within chance of each other, such a one is taken.
-        chance: fraction by which chance moves ``error``: one standard error.
+            that tie, such a one is taken.
     """
 
     orders: Mapping[str, Any]
@@ -60,7 +59,6 @@ class Candidate:
     error: float
     stable: bool = True
     settled: bool = True
-    chance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -139,10 +137,9 @@ def search_orders(
 def ranked(
     candidates: Sequence[Candidate], criterion: str, margin: float, equations: tuple[int, int]
 ) -> tuple[Candidate, ...]:
-    """Best first; a settled model goes before another that is ahead by no more than chance.
+    """Best first; a settled model goes before others whose errors are within ``margin`` of its own.
 
-    Of those within ``margin`` on held-out error the smallest leads; an information criterion weighs
-    size itself.
+    On held-out error the smallest of those leads; an information criterion weighs size itself.
     """
     ordered = sorted(candidates, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
     by_size = table.criterion(criterion).of_free_run
@@ -152,10 +149,6 @@ def ranked(
         lambda c, best: excess(criterion, c.score, best.score, equations) <= margin,
         lambda c: c.settled,
         lambda c: (c.n if by_size else 0, c.score, orders_text(c.orders)),
-        lambda c, best: (
-            excess(criterion, c.score, best.score, equations)
-            <= max(margin, best.chance if by_size else 0.0)
-        ),
     )
     return (lead, *(c for c in ordered if c is not lead))
 
@@ -198,7 +191,7 @@ def _one_after_another(
             # a structure that reads terms or scalings off the data comes back adapted
             s, theta = outcome.structure, outcome.theta
             names = [q.name for q in outcome.parameters]
-            error, chance = held_out_score(
+            error = free_run_error(
                 s, theta, data.whole, data.counted, options.robust, one_step=data.one_step
             )
             score = error
@@ -207,7 +200,7 @@ def _one_after_another(
                 errors = counted_errors(s, theta, train, options.robust)
                 score = ranks.cost_of(loss_of([e[common:] for e in errors], free))
             if np.isfinite(score):
-                candidates.append(_candidate(s, theta, score, error, data.whole, chance))
+                candidates.append(_candidate(s, theta, score, error, data.whole))
                 fitted[k] = (score, dict(zip(names, theta.tolist(), strict=True)))
         if progress:
             progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
@@ -215,16 +208,11 @@ def _one_after_another(
 
 
 def _candidate(
-    s: Structure,
-    theta: Array,
-    score: float,
-    error: float,
-    records: Sequence[Record],
-    chance: float = 0.0,
+    s: Structure, theta: Array, score: float, error: float, records: Sequence[Record]
 ) -> Candidate:
     calm = not motion_doubts(s, theta, max(map(len, records)), records[0].dt)
     orders = _orders(s)
-    return Candidate(orders, len(theta), score, error, bounded_run(s, theta), calm, chance)
+    return Candidate(orders, len(theta), score, error, bounded_run(s, theta), calm)
 
 
 def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str) -> list[Candidate]:
@@ -234,15 +222,14 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
     for a in promising(solved) if ranks.of_free_run else solved:
         s = a.structure
         if ranks.of_free_run:
-            error, chance = held_out_score(
+            score = error = free_run_error(
                 s, a.theta, data.whole, data.counted, one_step=data.one_step
             )
-            score = error
         else:
             loss = Loss(a.log_det, a.samples, len(a.theta), s.ny)
-            score, error, chance = ranks.cost_of(loss), float("nan"), 0.0
+            score, error = ranks.cost_of(loss), float("nan")
         if np.isfinite(score):
-            candidates.append(_candidate(s, a.theta, score, error, data.whole, chance))
+            candidates.append(_candidate(s, a.theta, score, error, data.whole))
     return candidates
 
 

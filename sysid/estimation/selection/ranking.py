@@ -43,11 +43,6 @@ class Entry:
     notes: tuple[str, ...] = ()
 
     @property
-    def chance(self) -> float:
-        """Fraction by which chance moves that error."""
-        return 0.0 if self.search is None else self.search.best.chance
-
-    @property
     def error(self) -> float | None:
         """Free-run error on the held-out part of the estimation data, relative to its spread."""
         return None if self.search is None else self.search.best.error
@@ -87,8 +82,8 @@ def ranked_entries(
 
     Free runs of different structures tie more often than not: of those within one standard error
     the one with the fewest parameters is taken (Breiman et al. 1984, §3.4.3), and the lowest BIC of
-    equally many. Under an information criterion that one ranks alone. One that something speaks
-    against gives way to one behind it by no more than chance. Models that cannot lead come last:
+    equally many. Under an information criterion that one ranks alone. Of those that tie, one that
+    settles and whose search has ended is taken before others. Models that cannot lead come last:
     those whose free run is unbounded, and those whose fit to all data follows them much worse than
     another one does. ``one_step``: held-out samples were judged one step ahead, as data of a closed
     loop have to be.
@@ -121,9 +116,9 @@ def ranked_entries(
     equations, judge = (sum(map(len, records)), records[0].ny), criterion if by_error else rule
     ordered = sorted(entries, key=lambda e: (e not in sound, errors[id(e)]))
 
-    def equal(e: Entry, best: Entry, chance: float = 0.0) -> bool:
+    def equal(e: Entry, best: Entry) -> bool:
         apart = excess(judge, errors[id(e)][0], errors[id(best)][0], equations)
-        return e in sound and apart <= max(margin, chance)
+        return e in sound and apart <= margin
 
     def first_of(settled: Callable[[Entry], bool]) -> Entry:
         return leader(
@@ -132,7 +127,6 @@ def ranked_entries(
             equal,
             settled,
             lambda e: (_size(e), *errors[id(e)]) if by_error else score[id(e)],
-            lambda e, best: equal(e, best, best.chance if by_error else 0.0),
         )
 
     first, lead = first_of(lambda e: True), first_of(lambda e: calm[id(e)])
