@@ -216,6 +216,19 @@ def car() -> Value:
     return tuple(shape.id for shape in sysid.diagnose(log).shapes)
 
 
+def greenhouse() -> Value:
+    """The shape of a greenhouse by its flap alone; the weather is a column that is not used."""
+    rng = np.random.default_rng(1)
+    flap, pole = np.rint(50.0 + 50.0 * _held(rng, 2000, 60, 140)), np.exp(-1.0 / 60.0)
+    weather = 12.0 + np.cumsum(rng.normal(0.0, 0.05, 2000))
+    inside = lfilter([0.0, 1.0 - pole], [1.0, -pole], weather - weather[0] - 0.08 * flap) + 20.0
+    measured = inside + rng.normal(0.0, 0.05, 2000)
+    log = Record(flap, measured, 10.0, (Channel("flap", "%"),), (Channel("inside", "°C"),))
+    seen = np.round(weather, 1)[:, None]
+    found = sysid.diagnose(replace(log, unused=seen, unused_names=("weather",)))
+    return tuple(shape.id for shape in found.shapes)
+
+
 ROWS: Mapping[str, Callable[[], Value]] = {
     **{f"{n}/{s}": partial(measured, n, s) for n, x in MEASURED.items() for s in x.structures},
     **{f"{n}/{s}": partial(bundled, n, s) for n, each in BUNDLED.items() for s in each},
@@ -224,5 +237,6 @@ ROWS: Mapping[str, Callable[[], Value]] = {
     "names/fan": partial(fan, 0.25),
     "names/fan-in-minutes": partial(fan, 0.25 / 60.0),
     "shapes/car": car,
+    "shapes/greenhouse": greenhouse,
 }
 """Name → what computes it."""
