@@ -82,7 +82,7 @@ def with_another(track: Track) -> Terms | None:
     """G(q) K d_i c or G(q) K d_i/c: the effect of an input goes with another signal or, as what
     heats or feeds a stream goes with the flow, with its reciprocal; lagged or not; scanned."""
     over = [reciprocal for s in track.others if (reciprocal := _reciprocal(s))]
-    ways, torque = _products(track, (*track.others, *over), LAGS)
+    ways, torque = _products(track, (*track.others, *over))
     if not ways:
         return None
     of_core = 0 if track.fixed else len(track.f)
@@ -113,7 +113,7 @@ def with_unused(track: Track) -> Terms | None:
     acting = [c for c in track.unused if _acts(track, c.values)]
     if not acting:
         return None
-    ways, torque = _products(track, acting, LAGS)
+    ways, torque = _products(track, acting)
     size = [float(np.max(np.abs(c.values))) for c in acting]
     ways = [*((ALONE, c.name) for c in acting), *ways]
     alone = [c.values[:, None] / s for c, s in zip(acting, size, strict=True)]
@@ -126,8 +126,10 @@ def with_unused(track: Track) -> Terms | None:
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         i, name = ways[k]
-        called = f"{name}, which is not used here"
-        too = argument(inputs=[*(c.name for c in track.channels), name])
+        called, too = f"{name}, which is not used here", ""
+        if track.adds_inputs or len(track.channels) == 1:  # several outputs take an input each
+            both = argument(inputs=[*(c.name for c in track.channels), name])
+            too = f"; give it as an input, too: {both}"
         if i == ALONE:
             words = f"{track.output.name} also follows {called}"
         else:
@@ -135,14 +137,12 @@ def with_unused(track: Track) -> Terms | None:
             changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
             changed += float(np.sum(fit.own[first + i :: own.shape[1]]))
             words = _goes_with(track, i, called, 1.0 + changed, float(np.sum(fit.coefficients)))
-        return f"{words}; give it as an input, too: {too}", None
+        return f"{words}{too}", None
 
     return Terms(columns, says, np.zeros(len(ways)), None, beside)
 
 
-def _products(
-    track: Track, others: Sequence[Signal], tried: int
-) -> tuple[list[tuple[int, str]], Array]:
+def _products(track: Track, others: Sequence[Signal]) -> tuple[list[tuple[int, str]], Array]:
     """(input, name) and d_i c of each input and each other signal, lagged or not, (N, V)."""
     own = track.inputs.shape[1] if track.adds_inputs else 1
     ways: list[tuple[int, str]] = []
@@ -151,7 +151,7 @@ def _products(
         size = float(np.max(np.abs(signal), initial=0.0))
         if size == 0.0:
             continue
-        lags = _samples(track, tried)
+        lags = _samples(track, LAGS)
         late = np.hstack([signal[:, None], *(_lagged(track, signal[:, None], n) for n in lags)])
         for i in range(own):
             if track.channels[i].name != name.removeprefix(OVER):

@@ -111,6 +111,20 @@ def test_weather_that_is_not_used_is_no_slow_state() -> None:
     assert "in also follows out, which is not used here" in shape.sentence
 
 
+@pytest.mark.slow
+def test_two_motors_take_no_third_input() -> None:
+    """A wind on one of two motors is told; but each output takes an input of its own."""
+    rng = np.random.default_rng(8)
+    u = np.column_stack([_held(rng, 2400, 20, 80), _held(rng, 2400, 20, 80)])
+    wind = _lagged(rng.normal(0.0, 4.0, 2400), 0.5)
+    y = np.column_stack([_lagged(10.0 * u[:, 0] + 6.0 * wind, 0.3), _lagged(9.0 * u[:, 1], 0.3)])
+    inputs, outputs = (Channel("a"), Channel("b")), (Channel("v", "rad/s"), Channel("w", "rad/s"))
+    log = Record(u, y + rng.normal(0.0, 0.05, y.shape), DT, inputs, outputs)
+    found = diagnose([replace(log, unused=wind[:, None], unused_names=("wind",))])
+    (sentence,) = (s.sentence for s in found.shapes if s.output == "v")
+    assert sentence == "v also follows wind, which is not used here"
+
+
 def _from(start: float, u: Array, tau: float) -> Array:
     y, k = np.full(len(u), start), 1.0 - np.exp(-1.0 / tau)
     for n in range(1, len(u)):
