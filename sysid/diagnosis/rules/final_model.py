@@ -14,6 +14,7 @@ from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.search.admission import sampled
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
@@ -31,24 +32,29 @@ class ParameterEstimate:
         value, null: estimate, and the value at which the effect does nothing.
         std_error: by slopes.
         interval: 95 %, where slopes are not asked.
+        sampled: how late a log's making leaves any output [s], if it is a delay or a lag: up to
+            there it is none of the machine.
     """
 
     value: float
     null: float
     std_error: float
     interval: Interval | None = None
+    sampled: float = 0.0
 
     @property
     def away(self) -> bool:
         """Whether 95 % say that the parameter does something."""
         if self.interval is None:
-            return abs(self.value - self.null) > NORMAL * self.std_error > 0.0
+            beyond = abs(self.value - self.null) - self.sampled
+            return beyond > NORMAL * self.std_error > 0.0
         if not self.interval.visited:
             return False
         low, high = self.interval.low, self.interval.high
         if abs(self.null) > NO_LIMIT:
             return (high if self.null > 0.0 else low) is not None
-        return not (low is None or low <= self.null) or not (high is None or high >= self.null)
+        above = low is not None and low > self.null + self.sampled
+        return above or (high is not None and high < self.null)
 
 
 def against(
@@ -111,7 +117,11 @@ def estimates_of(
     at = std_errors(base, candidate)
     parameters = {
         k: ParameterEstimate(
-            float(candidate.q[k]), model.parameters[k].null, at[k], selection.intervals.get(k)
+            float(candidate.q[k]),
+            model.parameters[k].null,
+            at[k],
+            selection.intervals.get(k),
+            sampled(model, k, candidate.q),
         )
         for k in model.of(named.id)
         if k in at

@@ -67,6 +67,15 @@ def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end
     assert ParameterEstimate(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
 
 
+def test_a_delay_is_none_as_long_as_sampling_itself_may_make_it() -> None:
+    """Found before others were known, it may have shrunk to what counting over a sample makes."""
+    within = ParameterEstimate(0.027, 0.0, 0.001, Interval(0.024, 0.033), sampled=0.0275)
+    assert "includes the null value" in against(CLEAR, [within])
+    assert against(CLEAR, [replace(within, interval=Interval(0.029, 0.033))]) == ""
+    assert "includes the null value" in against(CLEAR, [replace(within, interval=None)])
+    assert against(CLEAR, [replace(within, interval=None, value=0.031)]) == ""
+
+
 def test_one_alone_must_do_what_a_first_effect_must() -> None:
     left_alone = replace(CLEAR, ratio=0.93)
     assert against(left_alone, [AWAY]) == ""
