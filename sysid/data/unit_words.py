@@ -83,15 +83,15 @@ def synonym(unit: str) -> str:
 
 
 def ending(name: str) -> tuple[str, str]:
-    """A name without the unit it ends in, and that unit: ``u_V`` → (u, V); (name, "") if none."""
+    """A name without the unit it ends in, and that unit: ``u_V`` → (u, V); (name, "") if none.
+
+    What stands behind a stroke is a part of another unit: ``EC mS/cm`` is no length.
+    """
     written = name.replace("/", "_")  # speed_rad/s, Drehzahl_1/min
-    for end in sorted(ENDINGS, key=len, reverse=True):
-        if written.endswith("_" + end):
-            return name[: -len(end) - 1], ENDINGS[end]
-    low = written.lower()
-    for end in sorted(_ANY_CASE, key=len, reverse=True):
-        if low.endswith("_" + end):
-            return name[: -len(end) - 1], _ANY_CASE[end]
+    for text, endings in ((written, ENDINGS), (written.lower(), _ANY_CASE)):
+        for end in sorted(endings, key=len, reverse=True):
+            if text.endswith("_" + end) and name[-len(end) - 1] != "/":
+                return name[: -len(end) - 1], endings[end]
     for end, unit in _CAMEL.items():
         if name.endswith(end) and name[: -len(end)][-1:].islower():
             return name[: -len(end)], unit

@@ -180,6 +180,7 @@ def fit_baseline(
     effects: Sequence[Effect],
     highest: int = LARGEST_ORDER,
     least_delay: int | None = None,
+    offset: bool = False,
 ) -> Base:
     """Robot logs: per track its own command, first order, nk = 1, no offset. Others: OE up to
     third order with dead time and level chosen on the estimation part.
@@ -187,6 +188,7 @@ def fit_baseline(
     Args:
         judging: validation logs; None holds blocks out.
         least_delay: the delay that is not estimated [samples]; as the log shows it unless given.
+        offset: whether robot logs have one, too.
     """
     on_rate = integrates(LogFacts.of(data).records)
     parts = _divided_rates(data, judging) if on_rate else divided(data, judging)
@@ -194,9 +196,10 @@ def fit_baseline(
     least, *other = (1,) if on_rate or _is_servo(first) else _least_delays(parts.facts)
     if least_delay is not None:
         least, other = least_delay, []
-    base = _baseline(parts, effects, highest, on_rate, least)
+    base = _baseline(parts, effects, highest, on_rate, least, offset)
     if other and base.search.model.order == 1:
-        base = min(base, _baseline(parts, effects, highest, on_rate, *other), key=_left)
+        rival = _baseline(parts, effects, highest, on_rate, other[0], offset)
+        base = min(base, rival, key=_left)
     return base
 
 
@@ -207,7 +210,12 @@ def _left(base: Base) -> float:
 
 
 def _baseline(
-    parts: Parts, effects: Sequence[Effect], highest: int, on_rate: bool, least: int
+    parts: Parts,
+    effects: Sequence[Effect],
+    highest: int,
+    on_rate: bool,
+    least: int,
+    offset: bool,
 ) -> Base:
     """The baseline with a delay of at least so many samples."""
     estimation, linear = parts.estimation, None
@@ -215,8 +223,8 @@ def _baseline(
     first = estimation[0]
     scales = full_drive(estimation)
     if first.is_robot_log:
-        order, delay, level = 1, least, False
-        words = f"its own command, first order, {_late(delay)}, no offset"
+        order, delay, level = 1, least, offset
+        words = f"its own command, first order, {_late(delay)}, {'an' if level else 'no'} offset"
         words = f"per track {words}" if first.ny > 1 else words
     else:
         # a body that a force moves: friction would otherwise hide in a higher order

@@ -23,6 +23,7 @@ from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground
 from sysid.diagnosis.validation.runs_away import RUNS_AWAY, running_away, without
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
@@ -80,7 +81,9 @@ def diagnose(
         from sysid.robot.mission.spec import load_mission
 
         geometry = load_mission(mission).vehicle.given_geometry
-    neutral = np.zeros(logs[0].nu) if model is not None else neutral_commands(estimation)
+    neutral, known = np.zeros(logs[0].nu), True
+    if model is None:
+        neutral, known = neutral_commands(estimation)
     if neutral.any():
         estimation = counted_from(neutral, estimation)
         holdout = counted_from(neutral, holdout) if holdout else None
@@ -88,7 +91,8 @@ def diagnose(
     if alone and len(alone) < logs[0].ny and logs[0].nu == 1:
         estimation = without(alone, estimation)
         holdout = without(alone, holdout) if holdout else None
-    diagnosis = _searched(estimation, holdout, model, geometry, measured or {}, say, seed)
+    effects = within(chain_effects(), measured or {})
+    diagnosis = _searched(estimation, holdout, model, geometry, effects, not known, say, seed)
     if alone:
         warnings = (f"{' and '.join(alone)} {RUNS_AWAY}", *diagnosis.warnings)
         diagnosis = replace(diagnosis, warnings=warnings)
@@ -110,17 +114,21 @@ def _searched(
     holdout: Sequence[Record] | None,
     model: Model | None,
     geometry: Geometry | None,
-    measured: Mapping[str, Measured],
+    effects: Sequence[Effect],
+    offset: bool,
     say: Progress,
     seed: int,
 ) -> Diagnosis:
-    """Everything but the mission."""
+    """Everything but the mission.
+
+    Args:
+        offset: whether the baseline has one in any case.
+    """
     say("original model", 0.02)
     searched = searched_on(estimation, holdout, model is not None)
     facts, holdout_facts = searched.facts, searched.holdout_facts
-    effects = within(chain_effects(), measured)
     if model is None:
-        base = fit_baseline(facts, holdout_facts, effects)
+        base = fit_baseline(facts, holdout_facts, effects, offset=offset)
     else:
         base = given_base(model, facts, holdout_facts, effects)
     session = DiagnosisSession(base, noise_of(base), full_drive(facts.records), seed)

@@ -64,11 +64,14 @@ def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
 
 
 def _by_sign(e: Effect, values: Sequence[Value]) -> str:
-    """What the effect is; where its first parameter has the other sign, what that is."""
+    """What the effect is; where its first parameter has the other sign, what that is. Where its law
+    has not that parameter, the sentence of the law says all."""
     if not e.texts.opposite or not e.parameters:
         return e.texts.sentence
     first = e.parameters[0]
     first_values = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
+    if not first_values:
+        return ""
     below = [v for v in first_values if v.value < first.null]
     if not below:
         return e.texts.sentence

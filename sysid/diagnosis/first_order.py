@@ -36,7 +36,8 @@ def or_on_first_order(
     if kept.selected and closed and not session.far_above_noise(kept):
         return result
     try:
-        base = fit_baseline(facts, holdout, chain_effects(), highest=1)
+        offset = session.base.search.level
+        base = fit_baseline(facts, holdout, chain_effects(), highest=1, offset=offset)
     except SysidError:
         return result
     first_order = replace(session, base=base).searched(base.search.model.effects, say)
@@ -62,7 +63,7 @@ def or_a_sample_later(
     before = session.base.search
     if before.delay != 0 or DELAY.id not in final.effects:
         return result
-    base = fit_baseline(facts, holdout, chain_effects(), before.model.order, 1)
+    base = fit_baseline(facts, holdout, chain_effects(), before.model.order, 1, before.level)
     own, q = set(before.model.of(DELAY.id)), final.q.copy()
     q[list(own)] = before.model.null[list(own)]
     others = tuple(e for e in final.effects if e != DELAY.id)

@@ -33,33 +33,38 @@ PULSES, NEUTRAL_PULSE = (800.0, 2200.0), 1500.0
 """Pulses of hobby drives [µs], and the one that is neutral by their convention."""
 
 
-def neutral_commands(records: Sequence[Record]) -> Array:
-    """The value of each input at which its output rests; 0 where the log does not show another,
-    (nu,)."""
+def neutral_commands(records: Sequence[Record]) -> tuple[Array, bool]:
+    """The value of each input at which its output rests, 0 where the log does not show another,
+    (nu,); and whether each is one that was given, not only one between others.
+
+    Beside one that is not known exactly an offset of the output says nothing.
+    """
     u, y = (np.concatenate([getattr(r, part) for r in records]) for part in ("u", "y"))
     pairs = zip(
         u.T, y.T if y.shape[1] == u.shape[1] else np.tile(y[:, 0], (u.shape[1], 1)), strict=True
     )
-    return np.array([_neutral(command, output) for command, output in pairs])
+    values, known = zip(*(_neutral(command, output) for command, output in pairs), strict=True)
+    return np.array(values), all(known)
 
 
-def _neutral(u: Array, y: Array) -> float:
+def _neutral(u: Array, y: Array) -> tuple[float, bool]:
     size, large = np.abs(u), float(np.nanquantile(np.abs(y), 0.98))
     if not (np.all(u > 0.0) or np.all(u < 0.0)) or size.min() <= FAR * size.max():
-        return 0.0
+        return 0.0, True
     resting = u[np.abs(y) <= RESTS * large]
     if len(resting) < LEAST or large == 0.0:
-        return 0.0
+        return 0.0, True
     if np.nanmin(y) >= -RESTS * large or np.nanmax(y) <= RESTS * large:
         ends = (u.min(), u.max())
         at = [np.isclose(resting, end).sum() for end in ends]
-        return float(ends[int(np.argmax(at))]) if max(at) >= LEAST else 0.0
+        return (float(ends[int(np.argmax(at))]) if max(at) >= LEAST else 0.0), True
     values, counts = np.unique(resting, return_counts=True)
     if counts.max() > MOSTLY * len(resting):
-        return float(values[np.argmax(counts)])
+        return float(values[np.argmax(counts)]), True
     low, high = np.quantile(resting, ENDS)
     pulses = PULSES[0] <= size.min() and size.max() <= PULSES[1]
-    return NEUTRAL_PULSE if pulses and low <= NEUTRAL_PULSE <= high else float(0.5 * (low + high))
+    by_convention = pulses and low <= NEUTRAL_PULSE <= high
+    return (NEUTRAL_PULSE if by_convention else float(0.5 * (low + high))), False
 
 
 def counted_from(neutral: Array, records: Sequence[Record]) -> tuple[Record, ...]:

@@ -56,9 +56,15 @@ def _twist(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return kept * xp.minimum(p["side"] / xp.maximum(largest, 1e-9), 1.0), s
 
 
+LEAST_POWERED = 1e-9
+"""Drive below which a power of it is held: none of it would be infinite."""
+
+
 def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     size = xp.abs(d)
-    return d * (1.0 - p["kappa"] * xp.where(p["cubic"] > 0.5, size * size, size)), s
+    bent = 1.0 - p["kappa"] * xp.where(p["cubic"] > 0.5, size * size, size)
+    by_power = xp.maximum(size, LEAST_POWERED) ** p["power"]
+    return d * xp.where(p["cubic"] > 1.5, by_power, bent), s
 
 
 def _direction(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -120,7 +126,8 @@ the last percent before the most that there is."""
 
 
 def _out_of_concave(xp: Any, d: Signal, p: P, c: Context) -> Signal:
-    """The smaller x with x(1 − κ|x|) = d, or x(1 − κ x²) = d; beyond, the x that gives most."""
+    """The smaller x with x(1 − κ|x|) = d, or x(1 − κ x²) = d, beyond it the x that gives most; or
+    x |x|^n = d."""
     kappa, size = p["kappa"], xp.abs(d)
     # the root as a quotient, which κ = 0 does not upset
     root = xp.sqrt(xp.maximum(1.0 - 4.0 * kappa * size, 0.0))
@@ -130,6 +137,8 @@ def _out_of_concave(xp: Any, d: Signal, p: P, c: Context) -> Signal:
     for _ in range(CUBIC_STEPS):
         slope = xp.maximum(1.0 - 3.0 * kappa * x * x, 1e-3)
         x = xp.minimum(x - (x * (1.0 - kappa * x * x) - size) / slope, most)
+    rooted = xp.maximum(size, 1e-300) ** (1.0 / (1.0 + p["power"]))
+    x = xp.where(p["cubic"] > 1.5, rooted, x)
     return xp.sign(d) * xp.where(p["cubic"] > 0.5, x, bent)
 
 
@@ -304,15 +313,18 @@ EFFECTS = (
         "actuator",
         Place.COMMAND,
         Texts(
-            "d → d(1 − κ|d|), or d(1 − κ d²)",
+            "d → d(1 − κ|d|), or d(1 − κ d²), or d|d|^n",
             "The static gain falls with the size of the command.",
             "Steady speed against command bends towards the command axis.",
             "Steps at many levels in both directions.",
             opposite="The static gain rises with the size of the command.",
         ),
         (
-            EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2),
-            EffectParameter("cubic", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
+            EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2 + (0.0,) * 2),
+            EffectParameter(
+                "cubic", "", 0.0, 0.0, 2.0, (0.0,) * 2 + (1.0,) * 2 + (2.0,) * 2, choice=True
+            ),
+            EffectParameter("power", "", 0.0, -0.6, 2.0, (0.0,) * 4 + (1.0, -0.3)),
         ),
         _concave,
         inverse=_out_of_concave,
@@ -323,6 +335,12 @@ EFFECTS = (
                 choices={"cubic": 1.0},
                 sentence="It bends by the cube of the command, as the expo of a remote control "
                 "makes it: small commands respond evenly.",
+            ),
+            Law(
+                ("power",),
+                choices={"cubic": 2.0},
+                sentence="It is a power of the command, d|d|^n, as the thrust of a propeller or "
+                "the light of a corrected lamp is: above 0 small commands do less than others.",
             ),
         ),
         hints=Hints(

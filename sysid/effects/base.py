@@ -125,6 +125,8 @@ class EffectParameter:
         as_command: whether it is also shown as the command that just overcomes it.
         as_rate: whether an error of a servo, it is also shown as the speed that this error holds.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
+        as_seen: whether it may be larger than ``upper`` where the samples show so many waves of the
+            angle: of an axis that moves by little, a thousandth of a wheel's turn each.
     """
 
     name: str
@@ -144,6 +146,7 @@ class EffectParameter:
     as_command: bool = False
     as_rate: bool = False
     measured_as: str = ""
+    as_seen: bool = False
 
     @property
     def size(self) -> float:

@@ -31,7 +31,9 @@ def pulses(
 
 @pytest.mark.parametrize(("neutral", "low"), [(1000.0, 1000.0), (1500.0, 1000.0)])
 def test_the_neutral_pulse_is_where_the_output_rests(neutral: float, low: float) -> None:
-    assert neutral_commands([pulses(1, neutral, low)]) == pytest.approx([neutral])
+    found, known = neutral_commands([pulses(1, neutral, low)])
+    assert found == pytest.approx([neutral])
+    assert known
 
 
 @pytest.mark.parametrize(("neutral", "within"), [(1500.0, 0.0), (1300.0, 0.5 * DEAD)])
@@ -39,15 +41,35 @@ def test_a_neutral_pulse_that_is_never_given_is_the_middle_of_those_that_move_no
     neutral: float, within: float
 ) -> None:
     # some 16 of 200 levels lie within the dead zone; 1500 is neutral by convention where it does
-    (found,) = neutral_commands([pulses(2, neutral, neutral - 500.0, 5000, 0.0)])
+    (found,), known = neutral_commands([pulses(2, neutral, neutral - 500.0, 5000, 0.0)])
     assert found == pytest.approx(neutral, abs=within)
+    assert not known
 
 
 def test_a_command_that_comes_near_zero_is_counted_from_zero() -> None:
     log = pulses(1, 1500.0, 1000.0)
     near = Record(log.u - 1000.0, log.y, DT, log.inputs, log.outputs)
     moving = Record(log.u, log.y + 500.0, DT, log.inputs, log.outputs)
-    assert neutral_commands([near]).tolist() == neutral_commands([moving]).tolist() == [0.0]
+    for log in (near, moving):
+        found, known = neutral_commands([log])
+        assert found.tolist() == [0.0]
+        assert known
+
+
+def test_a_neutral_pulse_that_is_only_guessed_makes_no_load() -> None:
+    """Two linear sides that never rest: the pulses at which they cross zero are some way off."""
+    rng = np.random.default_rng(10)
+    u = np.repeat(rng.integers(1100, 1900, (50, 2)), 50, axis=0).astype(float)
+    y, w = np.zeros_like(u), np.zeros(2)
+    for k, pulse in enumerate(u):
+        y[k] = w
+        w = 0.82 * w + 0.18 * 0.024 * (pulse - 1500.0)
+    y += 0.08 * rng.standard_normal(y.shape)
+    sides = ("left", "right")
+    inputs, outputs = (tuple(Channel(s, unit) for s in sides) for unit in ("µs", "rad/s"))
+    found = diagnose([Record(u, y, 0.04, inputs, outputs, name="rover.csv")])
+    assert [e.id for e in found.effects] == []
+    assert "an offset" in found.base_words
 
 
 @pytest.mark.slow

@@ -141,7 +141,7 @@ def both(value: float) -> Array:
 STEADY = {
     "dead-zone": ({"plus": 0.2, "minus": 0.1, "jump": 0.05}, 0.5, GAIN * 0.35),
     "input-saturation": ({"plus": 0.4, "minus": 0.4}, 0.9, GAIN * 0.4),
-    "concave-gain": ({"kappa": 0.3, "cubic": 0.0}, 0.5, GAIN * 0.5 * 0.85),
+    "concave-gain": ({"kappa": 0.3, "cubic": 0.0, "power": 0.0}, 0.5, GAIN * 0.5 * 0.85),
     "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
     "position-play": ({"gap": 4.0}, 0.5, GAIN * 0.5 - 2.0),
     "servo-speed-limit": ({"error": 1.0}, 0.5, GAIN * 0.5),
@@ -178,10 +178,19 @@ def test_steady_speed_is_that_of_the_equation(id: str) -> None:
 
 
 def test_a_cubic_gain_bends_by_the_square_of_the_command() -> None:
-    numbers = {"kappa": both(0.3), "cubic": both(1.0)}
+    numbers = {"kappa": both(0.3), "cubic": both(1.0), "power": both(0.0)}
     found = run({"concave-gain": numbers}, held(0.5))[-1]
     # 200 samples are 40 time constants
     np.testing.assert_allclose(found, GAIN * 0.5 * (1.0 - 0.3 * 0.25), rtol=1e-6)
+
+
+@pytest.mark.parametrize("power", [1.0, -0.4])
+def test_a_power_of_the_command_keeps_its_sign_and_nothing_for_nothing(power: float) -> None:
+    numbers = {"concave-gain": {"kappa": both(0.0), "cubic": both(2.0), "power": both(power)}}
+    found = [run(numbers, held(d))[-1] for d in (0.5, -0.5, 0.0)]
+    # 200 samples are 40 time constants
+    wanted = GAIN * 0.5 ** (1.0 + power) * np.array([1.0, -1.0, 0.0])
+    np.testing.assert_allclose(found, np.repeat(wanted[:, None], 2, axis=1), rtol=1e-6)
 
 
 def test_dry_friction_holds_the_track_still_and_lets_it_go() -> None:

@@ -96,3 +96,13 @@ def test_the_spectrum_over_an_angle_is_that_of_its_samples() -> None:
     assert abs(whole[k] - exact) < 0.05 * abs(exact)
     found = strongest_lines(lines, np.abs(whole), (0.3, 20.0), float(np.ptp(angle)), 2)
     assert found == pytest.approx([2.3, 7.7], abs=2.0 * np.pi / np.ptp(angle))
+
+
+@pytest.mark.parametrize(("speed", "dt", "finest"), [(15.0, 0.05, 20.0), (0.03, 0.1, 333.3)])
+def test_waves_are_as_fine_as_samples_of_a_slow_axis_show(
+    speed: float, dt: float, finest: float
+) -> None:
+    """The worm of a telescope makes 120 waves a rad; a wheel at speed shows only 20."""
+    model = FullModel((effect("speed-ripple"),), 1, 1, np.array([speed]), dt)
+    slot = model.index["speed-ripple", "per_turn", 0]
+    assert model.parameters[slot].upper == pytest.approx(finest, rel=1e-3)

@@ -17,6 +17,10 @@ which runs change by jumps: wide enough to hold some of them."""
 NO_LIMIT = 100.0
 """A null value beyond this stands for no limit at all."""
 
+FINEST = 1.0
+"""The finest wave over an angle that is looked for [rad a sample, at typical speed]: six samples
+a wave."""
+
 _OF_CORE = EffectParameter("", "", 0.0, 0.0, 0.0, ())
 
 
@@ -122,7 +126,8 @@ class ParameterTable:
         of_speed = {"speed": v, "speed/s": v, "1/speed": 1.0 / v}
         factor = of_speed.get(p.unit, self.dt if p.in_samples else 1.0)
         null = p.null * factor if p.unit in of_speed and abs(p.null) < 1e3 else p.null
-        bounds, rough = (p.lower * factor, p.upper * factor), any(q.stepwise for q in e.parameters)
+        upper = max(p.upper, FINEST / (v * self.dt)) if p.as_seen else p.upper * factor
+        bounds, rough = (p.lower * factor, upper), any(q.stepwise for q in e.parameters)
         lag = float(np.mean(self.lag / self.speed) if track < 0 else self.lag[track] / v)
         scale, smaller = p.size * factor, lag if p.unit == "speed" else 1.0
         return ModelParameter(

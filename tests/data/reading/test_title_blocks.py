@@ -171,6 +171,7 @@ def test_columns_of_one_name_are_told_apart(header: str, names: str, tmp_path: P
         ("Drehzahl U/min,v km/h,pos mm,P kW", "Drehzahl v pos P", "U/min km/h mm kW"),
         ("Innen °C,Innen %,rpm [V],rpm [A]", "Innen °C|Innen %|rpm [V]|rpm [A]", "°C % V A"),
         ("time s,motor A,phase V,temp min", "time s|motor A|phase V|temp min", ""),
+        ("time s,EC mS/cm,spring N/mm", "time s|EC mS/cm|spring N/mm", ""),
         ("left drive,on/off,x in y,% open", "left drive|on/off|x in y|% open", ""),
     ],
 )
