@@ -117,7 +117,7 @@ def _response(test: FeedbackTest) -> str:
             f"{test.law.integral_time:.3g} s)"
         )
     if test.reference:
-        return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
+        return f"{test.reference} - {test.column or test.output} ({_chance(test.p_value)})"
     share = f"share {100 * test.share:.2g} %"
     return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 

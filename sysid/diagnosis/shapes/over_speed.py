@@ -172,13 +172,13 @@ def hysteresis(track: Track) -> Terms | None:
 
 
 def lag_by_command(track: Track) -> Terms | None:
-    """(ω − K d)·h(|d|): the time constant is a curve of the command's size."""
+    """(ω − T)·h(|d|): the time constant is a curve of the command's size."""
     size = np.abs(track.drive)
     top = float(np.quantile(size, 0.99))
     if top <= 0.0 or float(np.quantile(size, 0.1)) > 0.9 * top:
         return None
     basis = spline(0.0, top, 4)
-    moved = (track.speed - track.gain * track.drive)[:, None]
+    moved = track.unbalanced[:, None]
     columns = track.through(basis(size) * moved)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:

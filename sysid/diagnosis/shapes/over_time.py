@@ -13,6 +13,7 @@ from sysid.diagnosis.shapes.reading import (
     NORMAL,
     amount,
     axis,
+    command_gain,
     half_band,
     own_feedback,
     static_gain,
@@ -75,6 +76,17 @@ def _when(track: Track, row: int, at: Array) -> str:
     return f"at {value_with_error(float(track.t[row]), spacing)} s"
 
 
+def _said(track: Track, words: str, when: str, curve: Curve) -> tuple[str, Curve | None]:
+    """Words and curve; of a base that does not settle, neither a gain nor its share is known."""
+    if track.settles:
+        return words, curve
+    words = (
+        f"gain, load or time constant change {when}; the base does not settle within this log, "
+        "which therefore does not say which of them, or by how much"
+    )
+    return words, None
+
+
 def _by(change: float) -> str:
     """A change of a gain as a share of before; one of its sign is no weaker drive."""
     if change < -1.0:
@@ -87,12 +99,15 @@ def gain_step(track: Track) -> Terms | None:
     at, columns = _stepping(track, (track.gain * track.drive)[:, None], None)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        before = static_gain(track, fit)
+        before = command_gain(track, fit)
         change = fit.coefficients[0] * track.gain / before
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
         cause = "a load engaged, or the supply changed" if change > -1.0 else "another plant"
-        words = f"the gain of the command {_by(change)} {_when(track, at[k], at)} ({cause})"
-        return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
+        when = _when(track, at[k], at)
+        words = f"the gain of the command {_by(change)} {when} ({cause})"
+        label = "gain [% of before]"
+        curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
+        return _said(track, words, when, curve)
 
     return Terms(columns, says, at.astype(np.float64))
 
@@ -110,7 +125,8 @@ def load_step(track: Track) -> Terms | None:
             f"{'is added' if value > 0.0 else 'sets in against it'} {_when(track, at[k], at)}"
         )
         label = axis(track.output, "load, lost steady")
-        return words, _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
+        curve = _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
+        return _said(track, words, _when(track, at[k], at), curve)
 
     return Terms(columns, says, at.astype(np.float64), None, beside)
 
@@ -128,12 +144,15 @@ def plant_step(track: Track) -> Terms | None:
         change = after / before - 1.0
         old, new = (time_constant(track, a) for a in (own, own + c))
         times = f" and its time constant goes from {old:.3g} to {new:.3g} s" if old and new else ""
+        when = _when(track, at[k], at)
         words = (
-            f"the gain of the command {_by(change)}{times} {_when(track, at[k], at)} "
+            f"the gain of the command {_by(change)}{times} {when} "
             "(a load engaged or let go, or another part)"
         )
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
-        return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
+        label = "gain [% of before]"
+        curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
+        return _said(track, words, when, curve)
 
     return Terms(columns, says, at.astype(np.float64), None, beside)
 
@@ -149,10 +168,8 @@ def load_drift(track: Track) -> Terms | None:
 
 
 def lag_drift(track: Track) -> Terms | None:
-    """(ω − K d)·h(t): the time constant follows a curve of time."""
-    return _drift(
-        track, track.speed - track.gain * track.drive, PIECES_OF_DRIFT, None, "time constant"
-    )
+    """(ω − T)·h(t): the time constant follows a curve of time."""
+    return _drift(track, track.unbalanced, PIECES_OF_DRIFT, None, "time constant")
 
 
 def _drift(
@@ -176,7 +193,8 @@ def _drift(
             y, half = -factor * y, factor * half
             label = axis(track.output, "load, lost steady")
         elif what == "gain":
-            y, half = 100.0 * y * track.gain / static_gain(track, fit), 100.0 * half
+            share = 100.0 * track.gain / command_gain(track, fit)
+            y, half = share * y, abs(share) * half
             way = _way(y)
             words = f"the gain of the command {way} by {np.ptp(y):.2g} % within {span:.3g} s"
             label = "gain [% from its mean]"
@@ -184,7 +202,8 @@ def _drift(
             y, half = 100.0 * y, 100.0 * half
             words = f"the time constant {_way(y)} by {np.ptp(y):.2g} % within {span:.3g} s"
             label = "time constant [% from its mean]"
-        return words, Curve("time [s]", label, x, y, y - half, y + half)
+        curve = Curve("time [s]", label, x, y, y - half, y + half)
+        return _said(track, words, f"within {span:.3g} s", curve)
 
     return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), beside)
 

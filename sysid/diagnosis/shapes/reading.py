@@ -20,10 +20,15 @@ def own_feedback(track: Track, fit: Fit) -> float:
     return float(np.sum(fit.own[first : first + n]))
 
 
+def command_gain(track: Track, fit: Fit) -> float:
+    """What the fit has beside the terms as the torque of one unit of the command, at rest."""
+    n = 0 if track.fixed else len(track.f)
+    return float(track.gain + np.sum(fit.own[:n]))
+
+
 def static_gain(track: Track, fit: Fit) -> float:
     """The static gain K of the base as the fit has it beside the terms."""
-    n = 0 if track.fixed else len(track.f)
-    return float((track.gain + np.sum(fit.own[:n])) / max(1.0 - own_feedback(track, fit), 1e-6))
+    return command_gain(track, fit) / max(1.0 - own_feedback(track, fit), 1e-6)
 
 
 def time_constant(track: Track, feedback: float) -> float:
