@@ -133,9 +133,9 @@ class _Assembly:
         seen = findings.sample_effects(base.parts.samples)
         effects = in_order((*map(self.named, selection.effects), *on_ground, *seen))
         ids = [e.id for e in effects]
-        poor, linear = self.poor(), session.linear_words(selection)
+        poor = self.poor()
         off = (pose is not None and pose.residuals.structured) or poor.startswith(ASTRAY)
-        verdict = verdict_of(ids, remaining, off or bool(linear), self.shapes)
+        verdict = verdict_of(ids, remaining, off, self.shapes)
         gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
         left = replace(remaining, gap=gap) if on_ground else remaining
         told = story(verdict, ids, left, base.on_rate, self.shapes)
@@ -169,9 +169,7 @@ class _Assembly:
             before=old,
             after=new,
             residuals=tuple(r.verdict(name) for name, r in left_by if r is not None),
-            description="; ".join(
-                filter(None, ("" if self.shapes else linear, self.description(bool(effects))))
-            ),
+            description=self.description(bool(effects)),
             warnings=self.warnings(),
             traces=traces,
             geometry=pose.geometry if pose is not None else None,

@@ -20,7 +20,6 @@ from sysid.diagnosis.search.selection import (
 from sysid.diagnosis.shapes.fitted import FittedShape
 from sysid.diagnosis.shapes.grading import FoundShape, proven, shapes_around
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
-from sysid.diagnosis.validation.linear_rival import LinearRival, linear_rival
 from sysid.diagnosis.validation.model_error import (
     MIN_SAMPLES,
     ResidualStructure,
@@ -130,13 +129,6 @@ class DiagnosisSession:
         base = self.base.without(*rows)
         return replace(self, base=base, jitter=jitter)
 
-    def linear_words(self, selection: Selection) -> str:
-        """How much of errors far above the noise is linear motion of higher order; else empty."""
-        if not self.far_above_noise(selection):
-            return ""
-        names = self.base.parts.holdout[0].output_names
-        return self.linear_rival.words(selection, self.floor, names)
-
     def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
         """What the errors on the held-out data still depend on; None with too few samples."""
         base, candidate = self.base, selection.final if after else selection.base
@@ -236,17 +228,6 @@ class DiagnosisSession:
         """Outputs that only feedback keeps from running away, (ny,): no free run follows these."""
         alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
         return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
-
-    @cached_property
-    def linear_rival(self) -> LinearRival:
-        """What linear motion of a higher order explains."""
-        return linear_rival(self.base)
-
-    def unexplained(self, selection: Selection) -> bool:
-        """Whether the augmented model leaves structure, and errors far above the noise."""
-        return self.far_above_noise(selection) and structured(
-            self.residual_structure(selection, after=True)
-        )
 
     def explains_more(
         self, selection: Selection, candidate: CandidateModel, below: float = RULE.held_out
