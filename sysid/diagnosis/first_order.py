@@ -67,7 +67,7 @@ def or_a_sample_later(
     q[list(own)] = before.model.null[list(own)]
     others = tuple(e for e in final.effects if e != DELAY.id)
     free = tuple(k for k in final.free if k not in own)
-    same = base.search.evaluate(others, q, free, final.touched, final.excluded)
+    same = base.search.evaluate(others, q, free, final.touched)
     fitted = base.search.fitted(same)  # where a drive sticks, other numbers may fit one log better
     later = min(same, fitted, key=lambda c: c.holdout_rmse)
     if later.holdout_rmse > RULE.as_good * final.holdout_rmse:

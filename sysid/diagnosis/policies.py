@@ -73,8 +73,6 @@ class VerdictRule:
             missing effect.
         residual_to_noise: errors beyond this multiple of the measurement noise are more than noise.
         residual_to_noise_later: the same once an effect is accepted.
-        refuting: a model whose errors are below this share of the noise floor refutes
-            that floor.
         nearly_all: when less of the gap [%] is closed, the remainder is described.
         min_damping: a base with less damping swings on a spring; the catalogue has no spring law.
         min_share: an effect that would close less of the gap [%] is too small to matter, …
@@ -90,7 +88,6 @@ class VerdictRule:
     min_predicted_share: float = 0.15
     residual_to_noise: float = 1.5
     residual_to_noise_later: float = 1.1
-    refuting: float = 0.8
     nearly_all: float = 90.0
     min_damping: float = 0.2
     min_share: float = 1.0
@@ -112,7 +109,7 @@ class ShapeRule:
             size and a width, a size and a time.
         of_signals: a free curve of time follows anything slow, and another log needs another one:
             what depends on commands and outputs comes first while it explains this share of it.
-        of_names: the same for names, which claim more than a shape does.
+        of_names: the same for a column that the log holds unused, which claims more.
         whole: a shape that explains less of the excess error is known in part: something else is
             missing that may have this shape for its shadow.
     """
@@ -172,8 +169,6 @@ class SearchBudget:
 
     Attributes:
         most_effects: effects of one model at most: five were never all proven.
-        beam: sets grown side by side: the likeliest first effect may be a stand-in.
-        far_ahead: a rival is not grown when the leading set scores so many times higher.
         shortlist: effects that are fitted in full.
         screened: effects that the screen hands on: of 47 blind logs from physics the truth was
             among the first nine in all but one.
@@ -190,8 +185,6 @@ class SearchBudget:
     """
 
     most_effects: int = 4
-    beam: int = 2
-    far_ahead: float = 4.0
     shortlist: int = 9
     screened: int = 12
     more_steps: int = 4

@@ -8,16 +8,14 @@ parameter or where gradients leave it in doubt.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
+from sysid.diagnosis.search.intervals import UNCERTAIN, intervals_of
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
-from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
+from sysid.diagnosis.search.selection import Interval, SelectedEffect, Selection
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.effects.catalogue import CHANGED
 from sysid.fitting.profile import NORMAL
@@ -52,19 +50,24 @@ class ParameterEstimate:
 
 
 def against(
-    evidence: Evidence, parameters: Sequence[ParameterEstimate], needed: float = RULE.own_part
+    evidence: Evidence,
+    parameters: Sequence[ParameterEstimate],
+    needed: float = RULE.own_part,
+    tested: bool = True,
 ) -> str:
     """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
         needed: what the held-out error must fall below, as a share of before.
+        tested: whether the held-out samples suffice to test the errors that are left: else chance
+            alone decides.
     """
     if not evidence.delta_bic < RULE.bic:
         return f"its parameters cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
     if not evidence.ratio < needed:
         change = 100.0 * (evidence.ratio - 1.0)
         return f"in the final model it changes the held-out error by {change:+.0f} %"
-    if not (evidence.p_value < RULE.p or _beyond_chance(evidence)):
+    if not (evidence.p_value < RULE.p or (tested and _beyond_chance(evidence))):
         return f"its gain may be chance (p = {evidence.p_value:.2g} among all effects tried)"
     if parameters and not any(n.away for n in parameters):
         return "the 95 % interval of each of its parameters includes the null value"
@@ -80,12 +83,12 @@ def _beyond_chance(evidence: Evidence) -> bool:
     return evidence.delta_bic < RULE.certain_bic and evidence.t > RULE.t
 
 
-def weakest(base: Base, selection: Selection) -> RejectedEffect | None:
-    """The accepted effect to reject first, or None where all hold."""
+def weakest(base: Base, selection: Selection, tested: bool = True) -> RejectedEffect | None:
+    """The accepted effect to reject first, or None where all hold; see ``against``."""
     # one alone must do what a first effect must; beside others each keeps its own part
-    needed = base.search.needed if len(selection.selected) == 1 else RULE.own_part
+    rule = base.search.needed if len(selection.selected) == 1 else RULE.own_part, tested
     objections = [
-        (n, against(final_evidence(base, selection, n), estimates_of(base, selection, n), needed))
+        (n, against(final_evidence(base, selection, n), estimates_of(base, selection, n), *rule))
         for n in selection.selected
     ]
     failed = [(n, reason) for n, reason in objections if reason]
@@ -104,38 +107,18 @@ def final_evidence(base: Base, selection: Selection, named: SelectedEffect) -> E
 def estimates_of(
     base: Base, selection: Selection, named: SelectedEffect
 ) -> tuple[ParameterEstimate, ...]:
-    """The free parameters in the final model that show whether an accepted effect is there."""
+    """The free parameters of an accepted effect in the final model."""
     if named.id == CHANGED.id:
         return ()
     candidate, model = selection.final, base.search.model
     at = std_errors(base, candidate)
-    parameters = {
-        k: ParameterEstimate(
+    return tuple(
+        ParameterEstimate(
             float(candidate.q[k]), model.parameters[k].null, at[k], selection.intervals.get(k)
         )
         for k in model.of(named.id)
         if k in at
-    }
-    if not any(n.away for n in parameters.values()) or all(n.away for n in parameters.values()):
-        return tuple(parameters.values())
-    acting = _acting_alone(base, candidate, tuple(parameters))
-    return tuple(parameters[k] for k in acting or parameters)
-
-
-def _acting_alone(base: Base, candidate: CandidateModel, own: Sequence[int]) -> tuple[int, ...]:
-    """Slots of an effect that do something while its other free parameters do nothing.
-
-    What only shapes an effect says nothing of whether it is there: the time of a fading is no sign
-    of one as long as its depth may be none.
-    """
-    model, data = base.search.model, base.search.data
-    batch = np.repeat(candidate.q[None], len(own) + 1, axis=0)
-    batch[:, list(own)] = [model.parameters[k].null for k in own]
-    for row, k in zip(batch, own, strict=False):
-        row[k] = candidate.q[k]
-    *runs, rest = np.nan_to_num(model.run(batch, data)) * data.weight
-    least = SAME_RUN * max(float(np.max(np.abs(rest))), 1e-300)
-    return tuple(k for k, run in zip(own, runs, strict=True) if np.max(np.abs(run - rest)) > least)
+    )
 
 
 def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:

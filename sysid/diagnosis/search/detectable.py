@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import smallest_named
-from sysid.diagnosis.search.evidence import effective_samples
+from sysid.diagnosis.search.evidence import effective_samples, needed_power
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.selection import CandidateModel
@@ -114,11 +113,9 @@ def _noise(model: CandidateModel) -> _Noise:
 
 def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
     """‖Δ⊥‖² that the rule asks for on estimation (0) or held-out (1) records."""
-    ratio = 1.0 / below**2 - 1.0
     if part == 1:
-        return ratio * noise.square[1]
-    likelihood = (-RULE.bic + parameters * np.log(noise.effective)) / noise.effective
-    return max(ratio, float(np.expm1(min(likelihood, 50.0)))) * noise.square[0]
+        return (1.0 / below**2 - 1.0) * noise.square[1]
+    return needed_power(parameters, noise.effective, below) * noise.square[0]
 
 
 def _unexplained(

@@ -44,7 +44,7 @@ def command_curve(track: Track) -> Terms | None:
         half = half_band(B, fit.covariance, noise)
         return _curve_words(track, x, y), _curve(track, x, y, half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+    return Terms(columns[None], says, bend(columns.shape[1]))
 
 
 def _curve_words(track: Track, x: Array, y: Array) -> str:
@@ -112,7 +112,7 @@ def play(track: Track) -> Terms | None:
         half = NORMAL * noise * np.sqrt(fit.covariance[0, 0]) * np.abs(track.gain * (path - x))
         return words, _curve(track, x, y, half)
 
-    return Terms(columns, says, widths)
+    return Terms(columns, says)
 
 
 def played(d: Array, widths: Array, starts: tuple[int, ...]) -> Array:

@@ -94,7 +94,7 @@ def gain_step(track: Track) -> Terms | None:
         words = f"the gain of the command {_by(change)} {_when(track, at[k], at)} ({cause})"
         return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
 
-    return Terms(columns, says, at.astype(np.float64))
+    return Terms(columns, says)
 
 
 def load_step(track: Track) -> Terms | None:
@@ -112,7 +112,7 @@ def load_step(track: Track) -> Terms | None:
         label = axis(track.output, "load, lost steady")
         return words, _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def plant_step(track: Track) -> Terms | None:
@@ -135,7 +135,7 @@ def plant_step(track: Track) -> Terms | None:
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
         return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def gain_drift(track: Track) -> Terms | None:
@@ -186,7 +186,7 @@ def _drift(
             label = "time constant [% from its mean]"
         return words, Curve("time [s]", label, x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), beside)
+    return Terms(columns[None], says, bend(columns.shape[1]), beside)
 
 
 def _way(y: Array) -> str:
@@ -219,7 +219,7 @@ def delay_drift(track: Track) -> Terms | None:
         return f"{words}{T:.3g} s", Curve("time [s]", "delay [ms more]", x, y, y - half, y + half)
 
     beside = track.through(track.gain * change)
-    return Terms(columns, says, np.array(DELAYS), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def _step_curve(
