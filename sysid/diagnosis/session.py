@@ -206,7 +206,6 @@ class DiagnosisSession:
 def noise_of(base: Base) -> NoiseFloor:
     """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
     parts, errors = base.parts, base.model.errors
-    slow = float(np.max(np.abs(base.poles), initial=0.0))
     if parts.holdout_facts is parts.facts:  # blocks of the same logs: together they are whole
         pairs = zip(errors.estimation, errors.holdout, strict=True)
         residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]
@@ -215,7 +214,7 @@ def noise_of(base: Base) -> NoiseFloor:
     steps = {c.output: c.step for c in parts.samples.coarse}
     rounding = np.array([steps.get(name, 0.0) for name in parts.estimation[0].output_names])
     rounding /= np.sqrt(12.0)
-    return floor_of(parts.whole, residuals, slow).at_least(rounding)
+    return floor_of(parts.whole, residuals).at_least(rounding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples, needed_power
 from sysid.diagnosis.search.forward_selection import ForwardSelection
@@ -25,9 +26,6 @@ from sysid.effects.sensor import MOST_SAMPLED
 
 SIZES = 2.2 ** -np.arange(8.0)
 """Severities tried, in units of the greatest that the bounds allow."""
-
-RUN_AWAY = 1e60
-"""A run that leaves all bounds shows its effect: the square of what it is off stays a number."""
 
 WIDE = 20.0
 """Limits whose bounds are further apart than this factor are tried on a logarithmic scale."""
@@ -133,7 +131,7 @@ def _unexplained(
         with np.errstate(over="ignore", invalid="ignore"):
             change = (search.model.run(batch, data) - base) * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
-        flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
+        flat = np.clip(flat, -ENDLESS, ENDLESS)
         if coefficients is None:
             size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
             A = (J / size).T @ (J / size)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
 from sysid.data.record import Array, Index
-from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.policies import ENDLESS, RULE
 from sysid.fitting.holdout import Errors
 
 BLOCKS = 24
@@ -173,10 +173,6 @@ def _t(gains: Array) -> float:
     return float(np.mean(gains)) / spread if spread > 0 else 0.0
 
 
-WORST = 1e150
-"""Loss of a block in which a run has no end: its square is still a number."""
-
-
 def _block_gains(
     before: Sequence[Array], after: Sequence[Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -192,8 +188,8 @@ def _block_gains(
             both = _squares(old[rows] - new[rows], starts)
         seen = np.isfinite(a)
         # a run that had no end in a block moved it, and for the worse
-        gained = np.where(np.isfinite(b) & np.isfinite(both), a - b, -WORST)[seen]
-        gains.append(np.maximum(gained, -WORST))
+        gained = np.where(np.isfinite(b) & np.isfinite(both), a - b, -ENDLESS)[seen]
+        gains.append(np.maximum(gained, -ENDLESS))
         moved.append(~(np.sqrt(both) <= RULE.touched)[seen])
     return np.concatenate(gains or [np.zeros(0)]), np.concatenate(moved or [np.zeros(0, bool)])
 

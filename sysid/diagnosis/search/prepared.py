@@ -8,11 +8,9 @@ import numpy as np
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
+from sysid.diagnosis.policies import ENDLESS
 from sysid.structures.augmented.chain import share_before
 from sysid.structures.augmented.kernel import Signals
-
-OVERFLOW = 1e300
-"""A cost beyond this is infinite: sums of several would overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +51,10 @@ class Data:
         return Signals(drive, y, moving, counted, *(a.ravel() for a in rest))
 
     def squared_error(self, runs: Array) -> Array:
-        """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite on overflow."""
+        """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite for no end."""
         with np.errstate(over="ignore", invalid="ignore"):
             sums = np.sum((self.weight * (self.y - runs)) ** 2, axis=-2)
-        return np.where(sums < OVERFLOW, sums, np.inf)
+        return np.where(sums < ENDLESS, sums, np.inf)
 
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""

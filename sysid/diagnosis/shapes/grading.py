@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.policies import SHAPES
+from sysid.diagnosis.policies import RULE, SHAPES
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.evidence import compare_errors, effective_samples
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
@@ -119,7 +119,7 @@ def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShap
     numbers counted: either may be what happened."""
     found = _found(best)
     drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
-    if drift is None or best.shape.in_time or best.score > SHAPES.clearly_more * drift.score:
+    if drift is None or best.shape.in_time or best.score > RULE.held_out * drift.score:
         return found
     sentence = (
         f"{found.sentence}; or {drift.says()[0]}: {best.track.command.name} moves only "
@@ -207,7 +207,7 @@ def better_shape(
     samples = effective_samples(shaped.estimation)
     every = np.ones(len(pairs), dtype=bool)
     evidence = compare_errors(named, shaped, numbers, 1, every, samples)
-    return best if evidence.significant and evidence.ratio < SHAPES.clearly_more else None
+    return best if evidence.significant and evidence.ratio < RULE.held_out else None
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:

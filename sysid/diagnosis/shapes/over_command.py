@@ -5,7 +5,6 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
     half_band,
@@ -15,6 +14,7 @@ from sysid.diagnosis.shapes.reading import (
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 PIECES = 16
 WIDTHS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)
