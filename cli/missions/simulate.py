@@ -136,7 +136,7 @@ def _driven(
         if drawn is not None:
             from sysid.report.missions.drives import draw_runs
 
-            draw_runs(drawn, path.stem, mission, runs)
+            draw_runs(drawn, path.stem, mission, result, runs)
             facts["plot"] = drawn
     facts["page"] = place.missions_dir / f"{path.stem}{'' if runs is None else '_runs'}.html"
     vary = None if how.vary is None else ",".join(how.vary)

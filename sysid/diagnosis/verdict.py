@@ -122,10 +122,10 @@ def shape_known(shapes: Sequence[FoundShape]) -> str:
 
 
 def _shapes(shapes: Sequence[FoundShape]) -> str:
-    """Shapes in words, each with its share of the excess error; alike ones once."""
+    """Shapes in words, each with its share of the excess error; alike ones once, by the largest."""
     said = []
     for id in dict.fromkeys(s.id for s in shapes):
-        first, *others = (s for s in shapes if s.id == id)
+        first, *others = sorted((s for s in shapes if s.id == id), key=lambda s: -s.share)
         alike = f", and likewise {', '.join(s.output for s in others)}" if others else ""
         said.append(
             f"{first.sentence} ({100.0 * first.share:.0f} % of the excess error of "

@@ -261,12 +261,13 @@ def left_sentence(result: Diagnosis, marks: str = "") -> str:
     if not result.grown:
         return ""
     rest = 100.0 - result.gap.closed_percent
-    if result.excess_error is None and rest < DONE:
+    beyond = result.excess_error
+    if rest < DONE and (beyond is None or not any(rms for _, _, rms, _ in beyond.outputs)):
         end = f"; residuals: {marks}" if marks else ": done"
         return f"Left: less than {DONE:g} % of the error beyond the noise{end}"
-    if result.excess_error is None:
+    if beyond is None:
         return f"Left: {percent(rest)} of the excess error, which looks like noise"
-    outputs = result.excess_error.outputs
+    outputs = beyond.outputs
     where = leading([*result.where_after], [name for name, *_ in outputs])
     place = where.removeprefix("it is ") if where.startswith("it is ") else f"where {where}"
     units = list(dict.fromkeys(unit for _, unit, *_ in outputs))

@@ -40,6 +40,11 @@ class Mover:
     outline: Array
     colour: int = 0
 
+    def at(self, k: int) -> Array:
+        """Its outline at the k-th time [m], (m, 2)."""
+        c, s = np.cos(self.heading[k]), np.sin(self.heading[k])
+        return np.asarray(self.outline @ np.array([[c, s], [-s, c]]) + [self.x[k], self.y[k]])
+
 
 def mover(t: Array, x: Array, y: Array, heading: Array, outline: Array, colour: int = 0) -> Mover:
     """A mover over as many places as a page shows."""

@@ -39,6 +39,9 @@ LONGEST = 36
 HEIGHT = 2.5
 """Of one panel [in]."""
 
+PLACES = 9
+"""At which a picture shows what moves on a page."""
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -105,7 +108,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class PanelPicture:
-    """Panels side by side under a title."""
+    """Panels side by side under a title; a large one by itself, twice as high."""
 
     title: str
     subtitle: str
@@ -115,11 +118,18 @@ class PanelPicture:
     def draw(self, figure: "Figure") -> None:
         """Draw all panels in rows."""
         columns = min(self.columns, len(self.panels))
-        rows = -(-len(self.panels) // columns)
-        style.heading(figure, 0.7 + (HEIGHT + 0.25) * rows, self.title, self.subtitle)
-        grid = figure.add_gridspec(rows, columns)
-        for k, panel in enumerate(self.panels):
-            draw_panel(figure.add_subplot(grid[k // columns, k % columns]), panel)
+        rows: list[list[Panel]] = []
+        for panel in self.panels:
+            if not rows or len(rows[-1]) == columns or panel.large or rows[-1][0].large:
+                rows.append([])
+            rows[-1].append(panel)
+        heights = [HEIGHT * (1 + row[0].large) + 0.25 for row in rows]
+        style.heading(figure, 0.7 + sum(heights), self.title, self.subtitle)
+        grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
+        for k, row in enumerate(rows):
+            for j, panel in enumerate(row):
+                place = grid[k, :] if panel.large else grid[k, j]
+                draw_panel(figure.add_subplot(place), panel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +150,19 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
     """Draw the curves, their names and the axes."""
     for curve in panel.curves:
         _draw(axes, curve, lying=bool(panel.names))
+    for m in panel.movers:
+        for k in np.linspace(0, len(m.t) - 1, PLACES).astype(int):
+            outline = m.at(k)
+            axes.fill(*outline.T, color=_colour(m.colour), alpha=0.7, linewidth=0, zorder=3)
     _frame(axes, panel)
     axes.set_xlabel(_cut(panel.x))
     axes.set_ylabel(_cut(panel.y))
-    named = {_cut(c.label): (_colour(c), 2.0) for c in reversed(panel.curves) if c.label}
+    named = {_cut(c.label): (_colour(c.colour), 2.0) for c in reversed(panel.curves) if c.label}
     named = dict(reversed(named.items()))
-    style.title(axes, panel.title, 1.9 if len(named) == ABOVE else 3.6)
+    wide = 4.2 * panel.large
+    style.title(axes, panel.title, wide + (1.9 if len(named) == ABOVE else 3.6))
     if len(named) == ABOVE:
-        style.legend_above(axes, named, room=2.1)
+        style.legend_above(axes, named, room=2.1 + wide)
     elif len(named) > ABOVE:
         lines = [axes.plot([], [], color=c, linewidth=w)[0] for c, w in named.values()]
         where = "lower left" if panel.log_x else "upper right"
@@ -195,12 +210,12 @@ def _cut(words: str) -> str:
     return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}…"
 
 
-def _colour(curve: Curve) -> str:
-    return style.MEASURED if curve.colour < 0 else style.SERIES[curve.colour % len(style.SERIES)]
+def _colour(index: int) -> str:
+    return style.MEASURED if index < 0 else style.SERIES[index % len(style.SERIES)]
 
 
 def _draw(axes: "Axes", c: Curve, lying: bool) -> None:
-    colour = _colour(c)
+    colour = _colour(c.colour)
     x, y = (c.y, c.x) if lying else (c.x, c.y)
     if c.kind in ("dots", "marks"):
         if c.low is not None and c.high is not None:

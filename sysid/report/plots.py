@@ -118,7 +118,10 @@ def _make_printable(figure: "Figure") -> None:
 
 
 def _rounded(svg: str) -> str:
-    """Round coordinates to two decimals and drop needless blanks: paths, marks and letters."""
+    """Round coordinates to two decimals and drop needless blanks: paths, marks and letters.
+
+    Clip paths are named by their numbers: their own names differ from one drawing to the next.
+    """
 
     def number(match: re.Match[str]) -> str:
         return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
@@ -129,5 +132,7 @@ def _rounded(svg: str) -> str:
     def path(match: re.Match[str]) -> str:
         return re.sub(r"([A-Zz]) ", r"\1", place(match).replace(" \n", "\n"))
 
+    for k, name in enumerate(dict.fromkeys(re.findall(r'<clipPath id="(\w+)"', svg))):
+        svg = svg.replace(name, f"clip{k}")
     svg = re.sub(r' d="[^"]*"', path, svg)
     return re.sub(r' [xy]="[^"]*"|translate\([^)]*\)', place, svg)

@@ -3,21 +3,17 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from mission_cases import Robot, goal
 
-from sysid.errors import DataError
-from sysid.report.mission_drawing import MissionPicture
 from sysid.report.missions.drives import draw_mission
-from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
-from sysid.report.missions.scene import Scene
+from sysid.report.missions.outlines import ellipse
 from sysid.robot.mission.registry import law_class
 from sysid.robot.mission.simulator import simulate
 
 
 def test_an_ellipse_holds_95_percent() -> None:
     xx, xy, yy = 0.04, 0.018, 0.01
-    outline = ellipse(np.array([1.0, 2.0]), np.array([xx, xy, yy])).T - (1.0, 2.0)
+    outline = ellipse(np.array([1.0, 2.0]), np.array([xx, xy, yy])) - (1.0, 2.0)
     inverse = np.linalg.inv([[xx, xy], [xy, yy]])
     # Every point of the outline lies at the same χ², −2 ln 0.05.
     np.testing.assert_allclose(np.einsum("ni,ij,nj->n", outline, inverse, outline), 5.99146, 1e-5)
@@ -30,12 +26,3 @@ def test_a_mission_with_a_filter_is_drawn_with_its_estimate(tmp_path: Path) -> N
     plain = goal(1, 0)
     draw_mission(tmp_path / "p.svg", "p", plain, simulate(plain, Robot()))
     assert "of its error" not in (tmp_path / "p.svg").read_text(encoding="utf-8")
-
-
-def test_an_estimate_of_another_length_is_refused() -> None:
-    t = np.arange(3.0)
-    with pytest.raises(DataError, match="equally long"):
-        MissionPicture(
-            "m", "arrived", t, np.zeros((3, 3)), t, np.zeros((3, 2)), Scene((1.0, 0.0), 0.1),
-            estimate=PoseEstimate(np.zeros((2, 2)), np.zeros((2, 3))),
-        )  # fmt: skip

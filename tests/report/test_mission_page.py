@@ -10,9 +10,9 @@ from browser import BROWSER, dumped, laid_out
 from mission_cases import Robot, goal
 from test_model_page import Tags
 
+from sysid.report.missions.outlines import tube
 from sysid.report.missions.page import mission_page, verdict
 from sysid.report.missions.shown import ShownRuns, shown_runs
-from sysid.report.missions.tube import tube
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
 from sysid.robot.mission.result import MissionResult

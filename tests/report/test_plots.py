@@ -1,6 +1,5 @@
 """Pictures: the same bytes every time, small, well-formed, and drawn from whatever data come."""
 
-import dataclasses
 import re
 import subprocess
 import sys
@@ -13,13 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sysid.data.record import Channel, Record
-from sysid.errors import DataError, UsageError
+from sysid.errors import UsageError
 from sysid.report import plots
 from sysid.report.data_panels import run_panels
 from sysid.report.envelope import envelope, isolated
-from sysid.report.mission_drawing import MissionPicture
-from sysid.report.missions.scene import Obstacle, Scene
-from sysid.report.panels import Curve, Panel, PanelPicture
+from sysid.report.movement import mover
+from sysid.report.panels import PLACES, Curve, Panel, PanelPicture
 
 
 def channels(letter: str, n: int, unit: str) -> tuple[Channel, ...]:
@@ -51,21 +49,15 @@ def small_picture(name: str = "ranking") -> PanelPicture:
     return PanelPicture(name, name, panels)
 
 
-def mission_picture(n: int = 60, width: float = 3.0) -> MissionPicture:
-    s = np.linspace(0.0, 1.0, n)
-    pose = np.stack([6 * s, width * s**2, np.arctan2(2 * width * s, 6.0)], axis=1)
-    return MissionPicture(
-        name="obstacles_6_3",
-        outcome="arrived",
-        t=34 * s,
-        pose=pose,
-        speed=np.full(n, 0.2),
-        pwm=np.stack([9000 + 100 * s, 9000 - 100 * s], axis=1),
-        scene=Scene((6.0, width), 0.1, (Obstacle(3.0, 1.0, 0.15),), influence=0.7),
-        speed_reference=np.full(n, 0.22),
-        heading_reference=pose[:, 2] + 2 * np.pi,
-        min_clearance=0.18,
-    )
+def way_picture() -> PanelPicture:
+    """A plane with what moves in it above two signals."""
+    x = np.linspace(0.0, 6.0, 60)
+    head = np.array([[0.1, 0.0], [-0.1, 0.1], [-0.1, -0.1]])
+    moved = mover(x, x, x**2, np.arctan(2.0 * x), head)
+    path = Curve("path ψ", x, x**2)
+    way = Panel("way", "Way", "x [m]", "y [m]", (path,), equal=True, large=True, movers=(moved,))
+    signals = [Panel(n, n, "time [s]", "[µs]", (Curve("", x, x),)) for n in ("a", "b", "c")]
+    return PanelPicture("goal", "arrived", (way, *signals))
 
 
 def svg_of(picture: object, folder: Path) -> str:
@@ -77,7 +69,7 @@ def svg_of(picture: object, folder: Path) -> str:
     return text
 
 
-PICTURES = {"fit": fit_picture(), "ranking": small_picture(), "mission": mission_picture()}
+PICTURES = {"fit": fit_picture(), "ranking": small_picture(), "mission": way_picture()}
 
 
 @pytest.mark.parametrize(
@@ -169,42 +161,17 @@ AWKWARD = ("$x^2 a_b & <c> -- 速度 \t\n\x00 \udcff", "λ" * 300)
 def test_any_name_can_be_drawn(name: str, tmp_path: Path) -> None:
     svg_of(fit_picture(30, names=name), tmp_path)
     svg_of(small_picture(name), tmp_path)
-    svg_of(dataclasses.replace(mission_picture(), name=name, outcome=name), tmp_path)
 
 
-def test_greek_letters_are_drawn_as_such(tmp_path: Path) -> None:
-    text = svg_of(mission_picture(), tmp_path)
-    assert "<!-- reference ψd -->" in text
-    assert "<!-- PWM [µs] -->" in text
-
-
-@pytest.mark.parametrize("outcome", ["timeout", "collision", "stuck"])
-def test_the_outcome_is_in_the_title(outcome: str, tmp_path: Path) -> None:
-    words = {"timeout": "timed out", "collision": "collided"}.get(outcome, outcome)
-    text = svg_of(dataclasses.replace(mission_picture(), outcome=outcome), tmp_path)
-    assert f"obstacles_6_3: {words} after 34.0 s" in text
-
-
-def test_every_kind_of_mission_is_drawn(tmp_path: Path) -> None:
-    alone = mission_picture(1)
-    bare = dataclasses.replace(
-        alone,
-        scene=Scene(alone.scene.goal, alone.scene.tolerance),
-        speed_reference=None,
-        heading_reference=None,
-    )
-    svg_of(bare, tmp_path)
-    svg_of(mission_picture(60, 0.03), tmp_path)
-    gaps = mission_picture().pose.copy()
-    gaps[20:30] = np.nan
-    svg_of(dataclasses.replace(mission_picture(), pose=gaps), tmp_path)
-    lost = dataclasses.replace(mission_picture(), pose=gaps * np.nan)
-    svg_of(lost, tmp_path)
-
-
-def test_shapes_that_do_not_fit_are_named() -> None:
-    with pytest.raises(DataError, match="equally long"):
-        dataclasses.replace(mission_picture(), speed=np.zeros(3))
+def test_a_large_panel_stands_alone_and_shows_what_moves_at_some_places() -> None:
+    figure = plots.figure_of(way_picture())
+    figure.draw_without_rendering()
+    boxes = [axes.get_position() for axes in figure.axes]
+    assert len(figure.axes[0].patches) == PLACES
+    np.testing.assert_allclose(figure.axes[0].patches[0].get_xy()[0], (0.1, 0.0), atol=1e-12)
+    assert boxes[0].width > 1.9 * boxes[1].width
+    assert boxes[0].height > 1.5 * boxes[1].height
+    assert boxes[1].y0 == boxes[2].y0 > boxes[3].y0  # two beside each other, the third below
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

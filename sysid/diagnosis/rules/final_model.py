@@ -12,10 +12,11 @@ from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.search.admission import sampled
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.intervals import UNCERTAIN, intervals_of
+from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
-from sysid.diagnosis.search.selection import Interval, SelectedEffect, Selection
+from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.effects.catalogue import CHANGED
 from sysid.fitting.profile import NORMAL
@@ -29,24 +30,29 @@ class ParameterEstimate:
         value, null: estimate, and the value at which the effect does nothing.
         std_error: by slopes.
         interval: 95 %, where slopes are not asked.
+        sampled: how late a log's making leaves any output [s], if it is a delay or a lag: up to
+            there it is none of the machine.
     """
 
     value: float
     null: float
     std_error: float
     interval: Interval | None = None
+    sampled: float = 0.0
 
     @property
     def away(self) -> bool:
         """Whether 95 % say that the parameter does something."""
         if self.interval is None:
-            return abs(self.value - self.null) > NORMAL * self.std_error > 0.0
+            beyond = abs(self.value - self.null) - self.sampled
+            return beyond > NORMAL * self.std_error > 0.0
         if not self.interval.visited:
             return False
         low, high = self.interval.low, self.interval.high
         if abs(self.null) > NO_LIMIT:
             return (high if self.null > 0.0 else low) is not None
-        return not (low is None or low <= self.null) or not (high is None or high >= self.null)
+        above = low is not None and low > self.null + self.sampled
+        return above or (high is not None and high < self.null)
 
 
 def against(
@@ -107,18 +113,42 @@ def final_evidence(base: Base, selection: Selection, named: SelectedEffect) -> E
 def estimates_of(
     base: Base, selection: Selection, named: SelectedEffect
 ) -> tuple[ParameterEstimate, ...]:
-    """The free parameters of an accepted effect in the final model."""
+    """The free parameters in the final model that show whether an accepted effect is there."""
     if named.id == CHANGED.id:
         return ()
     candidate, model = selection.final, base.search.model
     at = std_errors(base, candidate)
-    return tuple(
-        ParameterEstimate(
-            float(candidate.q[k]), model.parameters[k].null, at[k], selection.intervals.get(k)
+    parameters = {
+        k: ParameterEstimate(
+            float(candidate.q[k]),
+            model.parameters[k].null,
+            at[k],
+            selection.intervals.get(k),
+            sampled(model, k, candidate.q),
         )
         for k in model.of(named.id)
         if k in at
-    )
+    }
+    if not any(n.away for n in parameters.values()) or all(n.away for n in parameters.values()):
+        return tuple(parameters.values())
+    acting = _acting_alone(base, candidate, tuple(parameters))
+    return tuple(parameters[k] for k in acting or parameters)
+
+
+def _acting_alone(base: Base, candidate: CandidateModel, own: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that do something while its other free parameters do nothing.
+
+    What only shapes an effect says nothing of whether it is there: the time of a fading is no sign
+    of one as long as its depth may be none.
+    """
+    model, data = base.search.model, base.search.data
+    batch = np.repeat(candidate.q[None], len(own) + 1, axis=0)
+    batch[:, list(own)] = [model.parameters[k].null for k in own]
+    for row, k in zip(batch, own, strict=False):
+        row[k] = candidate.q[k]
+    *runs, rest = np.nan_to_num(model.run(batch, data)) * data.weight
+    least = SAME_RUN * max(float(np.max(np.abs(rest))), 1e-300)
+    return tuple(k for k, run in zip(own, runs, strict=True) if np.max(np.abs(run - rest)) > least)
 
 
 def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:

@@ -22,23 +22,30 @@ SLOWER = 5.0
 
 
 def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
-    """Tracks on which an effect is later than sampling itself makes it, (tracks,).
-
-    Beside another delay or lag a part of a sample is what that one's law misses.
-    """
+    """Tracks on which an effect is later than sampling itself makes it, (tracks,)."""
     beyond = np.ones(model.tracks, dtype=bool)
-    if not about(id).hints.beyond_sampling:
-        return beyond
-    others = [e.id for e in model.effects if e.hints.beyond_sampling and e.id != id]
-    late = np.zeros(model.tracks, dtype=bool)
-    for p, value in ((model.parameters[k], q[k]) for other in others for k in model.of(other)):
-        if p.track >= 0:
-            late[p.track] |= value != p.null
-    for k in model.of(id):
-        i = model.parameters[k].track
-        if i >= 0:
-            beyond[i] = q[k] > (1.0 if late[i] else MOST_SAMPLED) * model.dt
+    if about(id).hints.beyond_sampling:
+        for k in model.of(id):
+            i = model.parameters[k].track
+            if i >= 0:
+                beyond[i] = q[k] > sampled(model, k, q)
     return beyond
+
+
+def sampled(model: FullModel, slot: int, q: Array) -> float:
+    """How late sampling itself may make an effect's parameter [s]; 0 of one that is not a time.
+
+    Beside another delay or lag of the track a part of a sample is what that one's law misses.
+    """
+    p = model.parameters[slot]
+    if not about(p.owner).hints.beyond_sampling or p.track < 0:
+        return 0.0
+    others = [e.id for e in model.effects if e.hints.beyond_sampling and e.id != p.owner]
+    beside = (k for other in others for k in model.of(other))
+    late = any(
+        model.parameters[k].track == p.track and q[k] != model.parameters[k].null for k in beside
+    )
+    return (1.0 if late else MOST_SAMPLED) * model.dt
 
 
 def on_bound(p: ModelParameter, value: float) -> bool:
@@ -74,16 +81,14 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     if about(id).hints.gathers and not _slower(model, candidate, own_parameters):
         return False
     first = about(id).parameters[0].name
-    inside = []
     for k in own_parameters:
-        p = model.parameters[k]
-        value = candidate.q[k]
+        p, value = model.parameters[k], candidate.q[k]
         ended = on_bound(p, value) and not p.of.at_limit
-        at_null = _at(p, value, p.null)
-        if p.null in (p.lower, p.upper) and at_null:
+        if p.null in (p.lower, p.upper) and _at(p, value, p.null):
             ended = p.name == first and not p.of.at_null
-        inside.append((not ended, abs(value - p.null) > 0.02 * (p.usual or p.scale)))
-    return all(a for a, _ in inside) and any(b for _, b in inside)
+        if ended:
+            return False
+    return any(candidate.q[k] != model.parameters[k].null for k in own_parameters)
 
 
 def _slower(model: FullModel, candidate: CandidateModel, own: Sequence[int]) -> bool:

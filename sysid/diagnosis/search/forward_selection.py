@@ -178,7 +178,10 @@ class ForwardSelection(CandidateSearch):
                 }
                 others = [e for e in effects if e.id in likely]
                 rest = self.without(model, id)
-                judged = self.candidates(rest, others, most=4)
+                judged = [  # to the end: what the effect hid of the others moves with it
+                    self.scored(rest, self.fitted(j.model), len(others))
+                    for j in self.candidates(rest, others, most=4)
+                ]
                 in_place = self._in_place(model, rest, judged, len(effects))
             ties = tuple(
                 j.id

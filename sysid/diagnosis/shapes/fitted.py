@@ -86,6 +86,8 @@ def fitted_shapes(
     possible = [s for s in shapes if moves or not s.of_motion]
     found: list[FittedShape] = []
     for i, track in enumerate(tracks):
+        if not track.bounded:
+            continue  # a model without one of its effects may run away
         found += _on_track(track, i, float(floor[i]), possible, len(possible) * len(tracks))
     return tuple(sorted(found, key=lambda s: -s.score))
 

@@ -21,7 +21,7 @@ from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Sel
 from sysid.diagnosis.shapes.fitted import FittedShape, fitted_shapes
 from sysid.diagnosis.shapes.shape import Curve, ShapePlace
 from sysid.diagnosis.shapes.track import tracks_of
-from sysid.effects.base import Place
+from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import about
 from sysid.fitting.holdout import Errors
 
@@ -31,6 +31,13 @@ PLACES = {
     Place.SPEED: ShapePlace.SPEED,
     Place.READING: ShapePlace.READING,
 }
+
+
+def _places_of(effect: Effect) -> set[ShapePlace | None]:
+    """Where shapes lie that may be an effect's own law, bent: of a coupling also the tie between
+    tracks, which is in the torque."""
+    tied = {ShapePlace.TORQUE} if effect.couples else set()
+    return {PLACES.get(effect.place), *tied}
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +163,7 @@ def curves_of(fitted: Sequence[FittedShape], named: SelectedEffect) -> tuple[Fou
         same = (
             s
             for s in here
-            if (
-                s.shape.in_time
-                if effect.hints.gathers
-                else s.shape.place is PLACES.get(effect.place)
-            )
+            if (s.shape.in_time if effect.hints.gathers else s.shape.place in _places_of(effect))
         )
         best = next((found for found in (_found(s, named.id) for s in same) if found.curve), None)
         if best is not None:
@@ -181,7 +184,7 @@ def better_shape(
         fitted: around the model ``without`` the names.
         model_tracks: the track of each parameter of the full model; −1 where all share it.
     """
-    places = {PLACES.get(about(n.id).place) for n in names}
+    places = set().union(*(_places_of(about(n.id)) for n in names))
     added = [model_tracks[k] for k in selection.final.free if k not in without.free]
     pairs: list[tuple[Errors, Errors]] = []
     numbers, best = 0.0, None

@@ -136,7 +136,16 @@ class Track:
     @cached_property
     def pole(self) -> float:
         """The core's slowest pole, by size."""
-        return float(np.clip(np.max(np.abs(np.roots(np.append(1.0, self.f)))), 0.0, 0.9999))
+        return min(self._slowest, 0.9999)
+
+    @cached_property
+    def bounded(self) -> bool:
+        """Whether what acts on the core stays bounded: else no shape can be fitted through it."""
+        return self._slowest <= 1.0
+
+    @cached_property
+    def _slowest(self) -> float:
+        return float(np.max(np.abs(np.roots(np.append(1.0, self.f))), initial=0.0))
 
     @cached_property
     def own(self) -> Array:

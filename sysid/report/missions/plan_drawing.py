@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
-from sysid.report.missions.scene import circle, plane
+from sysid.report.missions.outlines import circle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,8 +120,12 @@ def _draw_map(axes: "Axes", picture: PlanPicture) -> None:
     axes.set_xlim(picture.x[0], picture.x[-1])
     axes.set_ylim(picture.y[0], picture.y[-1])
     axes.grid(visible=False)
-    plane(axes, columns=3)
     axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(" ")
+    legend = axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.5)
+    legend.set_in_layout(False)
 
 
 def _levels(potential: Array) -> Array:

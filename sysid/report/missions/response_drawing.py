@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.data.record import Array
 from sysid.report import style
-from sysid.report.missions.scene import circle
+from sysid.report.missions.outlines import circle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

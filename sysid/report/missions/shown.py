@@ -1,14 +1,10 @@
-"""What pictures and pages of a mission show beside its own drive: its plane, and many runs."""
+"""What pictures and pages of a mission show beside its own drive: many runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sysid.data.record import Array
-from sysid.report.missions.scene import Obstacle, Scene
-from sysid.robot.mission.spec import Mission
 
 if TYPE_CHECKING:  # one drive waits for no pool of many
     from sysid.robot.mission.batch.setup import Setup
@@ -29,27 +25,6 @@ class ShownRuns:
     batch: "MissionRuns"
     paths: Sequence[Array]
     worst: Sequence[Array]
-
-
-def scene_of(mission: Mission, seconds: float = 0.0) -> Scene:
-    """What a mission has in the plane; obstacles that move have done so for some seconds."""
-
-    def line(points: Sequence[tuple[float, float]]) -> Array | None:
-        return np.array(points) if points else None
-
-    return Scene(
-        goal=mission.goal,
-        tolerance=mission.tolerance,
-        obstacles=tuple(
-            Obstacle(o.x, o.y, o.radius, (o.velocity[0] * seconds, o.velocity[1] * seconds))
-            for o in mission.obstacles
-        ),
-        walls=tuple(map(np.array, mission.walls)),
-        polygons=tuple(map(np.array, mission.polygons)),
-        waypoints=line(mission.waypoints),
-        course=line(mission.path and (mission.start[:2], *mission.path, mission.goal)),
-        influence=mission.guidance.reach,
-    )
 
 
 def shown_runs(setup: "Setup", batch: "MissionRuns") -> ShownRuns:

@@ -13,6 +13,7 @@ from sysid.diagnosis.findings import sentence_of
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.rules.final_model import (
     ParameterEstimate,
+    _acting_alone,
     against,
     uncertain_parameters,
 )
@@ -66,6 +67,15 @@ def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end
     assert ParameterEstimate(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
 
 
+def test_a_delay_is_none_as_long_as_sampling_itself_may_make_it() -> None:
+    """Found before others were known, it may have shrunk to what counting over a sample makes."""
+    within = ParameterEstimate(0.027, 0.0, 0.001, Interval(0.024, 0.033), sampled=0.0275)
+    assert "includes the null value" in against(CLEAR, [within])
+    assert against(CLEAR, [replace(within, interval=Interval(0.029, 0.033))]) == ""
+    assert "includes the null value" in against(CLEAR, [replace(within, interval=None)])
+    assert against(CLEAR, [replace(within, interval=None, value=0.031)]) == ""
+
+
 def test_one_alone_must_do_what_a_first_effect_must() -> None:
     left_alone = replace(CLEAR, ratio=0.93)
     assert against(left_alone, [AWAY]) == ""
@@ -101,6 +111,30 @@ def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base
     slots = base.search.model.parameters
     doubted = {slots[k].name for k in uncertain_parameters(base, named(base))}
     assert "minus" in doubted
+
+
+@pytest.mark.parametrize(
+    ("id", "values", "expected"),
+    [
+        ("dead-time", {"share": 0.1, "emf": 0.9, "ripple": 0.02}, {"share"}),
+        ("dead-zone", {"plus": 0.05, "minus": 0.05, "jump": 0.1}, {"plus", "jump"}),
+        ("gravity-load", {"cosine": 0.5, "sine": 0.7}, {"cosine", "sine"}),
+        ("thermal-fade", {"loss": 0.3, "time": 20.0}, {"loss"}),
+    ],
+)
+def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
+    id: str, values: dict[str, float], expected: set[str]
+) -> None:
+    u, y = lagging()  # never backwards: no log shows a zone on that side
+    record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
+    base = fit_baseline([record], None, [e for e in chain_effects() if e.id == id])
+    search, q = base.search, base.model.q.copy()
+    mine = {name: search.model.index[id, name, 0] for name in values}
+    for name, k in mine.items():
+        q[k] = values[name]
+    node = search.evaluate((id,), q, (*base.model.free, *mine.values()))
+    alone = _acting_alone(base, node, tuple(mine.values()))
+    assert {name for name, k in mine.items() if k in alone} == expected
 
 
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:

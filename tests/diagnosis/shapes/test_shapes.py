@@ -1,6 +1,7 @@
 """Shapes on tracks simulated from their own equation in fine steps: each is found at its place."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import pytest
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.session import DiagnosisSession, noise_of
+from sysid.diagnosis.shapes.fitted import fitted_shapes
 from sysid.diagnosis.shapes.grading import FoundShape
+from sysid.diagnosis.shapes.track import tracks_of
 from sysid.effects.catalogue import chain_effects
 
 DT, SUBSTEPS, SECONDS, NOISE, AT = 0.05, 10, 70.0, 0.08, 41.0
@@ -75,6 +78,16 @@ def test_a_shape_is_found_at_its_place(case: str) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_linear_track_has_no_shape(seed: int) -> None:
     assert not _found(log(lambda t, d, a, m: (d, 1.0, 0.0), seed=seed))
+
+
+def test_no_shape_is_fitted_through_a_core_that_runs_away() -> None:
+    """A model without one of its effects may: its errors stay small where that effect bounds it."""
+    record = log(lambda t, d, a, m: (d, 1.0, 0.0))
+    base = fit_baseline([record], None, chain_effects())
+    q = base.model.q.copy()
+    q[base.search.model.index["core", "f1", 0]] = -1.3
+    (track,) = tracks_of(base.search, replace(base.model, q=q))
+    assert fitted_shapes([track], np.array([NOISE]), moves=True) == ()
 
 
 def _found(record: Record) -> tuple[FoundShape, ...]:

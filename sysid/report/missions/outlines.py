@@ -1,10 +1,13 @@
-"""The tube that most of many paths keep to, across their way."""
+"""Outlines in the plane: circles, 95 % ellipses, the tube that most of many paths keep to."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from sysid.data.record import Array
+
+NINETY_FIVE = 5.991464547107979
+"""Quantile 0.95 of χ² with two degrees of freedom, −2 ln 0.05."""
 
 STATIONS = 160
 """Places along the way at which the paths are compared."""
@@ -14,6 +17,27 @@ SHARE = 0.9
 
 MIN_PATHS = 20
 """With fewer the ends of 90 % are the outermost paths themselves."""
+
+
+def circle(x: float, y: float, radius: float) -> tuple[Array, Array]:
+    """x and y of a closed circle, (73,) each."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    return x + radius * np.cos(angle), y + radius * np.sin(angle)
+
+
+def ellipse(centre: Array, covariance: Array, count: int = 49) -> Array:
+    """The outline that holds 95 % of a Gaussian, (count, 2).
+
+    Args:
+        centre: x, y [m].
+        covariance: P_xx, P_xy, P_yy [m²].
+    """
+    xx, xy, yy = covariance
+    values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    angle = np.linspace(0.0, 2.0 * np.pi, count)
+    radii = np.sqrt(NINETY_FIVE * np.maximum(values, 0.0))
+    outline: Array = centre[:, None] + vectors @ (radii[:, None] * [np.cos(angle), np.sin(angle)])
+    return outline.T
 
 
 def tube(paths: Sequence[Array]) -> Array | None:
