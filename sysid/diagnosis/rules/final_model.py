@@ -8,6 +8,8 @@ parameter or where gradients leave it in doubt.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import RejectedEffect
