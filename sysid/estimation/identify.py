@@ -23,6 +23,7 @@ from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
 from sysid.estimation.selection.select_structure import select_structure
+from sysid.estimation.soundness import undetermined
 from sysid.estimation.two_stage import STAGES
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
@@ -129,9 +130,11 @@ def identify(
         jobs=request.jobs,
         progress=progress,
     )
+    asked = inspect or request.orders is None  # what a search has looked into anyway
+    unmoved = asked and facts.moved_by_controller_alone
     judged = tuple(
         assess(
-            entry.model,
+            undetermined(entry.model) if unmoved else entry.model,
             (inside, labels[0]),
             (outside, labels[1]) if outside else None,
             request.policy,

@@ -103,7 +103,7 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
         if test.law is not None and not test.reference:
             text += (
                 " No set point moves it within the log: gain and time constants of a model may be "
-                "those of the disturbance and the controller."
+                "those of the disturbance and the controller, off by any amount."
             )
             how = "Step the set point, or add a test signal to the input, and record again."
         yield Finding("feedback", Severity.WARNING, text, how, test.output)
