@@ -1,4 +1,4 @@
-"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift, a delay.
+"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift.
 
 The torque of the base is T = K d. Terms: K d·1[t ≥ t₁] (gain), 1[t ≥ t₁] (load), ω·1[t ≥ t₁]
 (time constant, beside gain), and the same times a curve of time.
@@ -10,7 +10,6 @@ from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
     half_band,
@@ -21,6 +20,7 @@ from sysid.diagnosis.shapes.reading import (
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 TIMES = 48
 """Times of a change that are tried first; the best is then refined between its neighbours."""
@@ -30,9 +30,6 @@ EDGE = 0.04
 
 PIECES_OF_DRIFT, PIECES_OF_LOAD = 6, 36
 """Pieces of the curve of a gain that drifts, and of a load that wanders."""
-
-DELAYS = (-8.0, -5.0, -3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
-"""Samples by which a delay has grown from the first to the last sample, tried in turn."""
 
 
 def constant(track: Track) -> Array:
@@ -94,7 +91,7 @@ def gain_step(track: Track) -> Terms | None:
         words = f"the gain of the command {_by(change)} {_when(track, at[k], at)} ({cause})"
         return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
 
-    return Terms(columns, says, at.astype(np.float64))
+    return Terms(columns, says)
 
 
 def load_step(track: Track) -> Terms | None:
@@ -112,7 +109,7 @@ def load_step(track: Track) -> Terms | None:
         label = axis(track.output, "load, lost steady")
         return words, _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def plant_step(track: Track) -> Terms | None:
@@ -135,7 +132,7 @@ def plant_step(track: Track) -> Terms | None:
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
         return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def gain_drift(track: Track) -> Terms | None:
@@ -186,7 +183,7 @@ def _drift(
             label = "time constant [% from its mean]"
         return words, Curve("time [s]", label, x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), beside)
+    return Terms(columns[None], says, bend(columns.shape[1]), beside)
 
 
 def _way(y: Array) -> str:
@@ -194,32 +191,6 @@ def _way(y: Array) -> str:
     if abs(rise) < 0.7 * np.ptp(y):
         return "wanders"
     return "rises" if rise > 0.0 else "falls"
-
-
-def delay_drift(track: Track) -> Terms | None:
-    """K (d(t − D·(t/T − ½)) − d(t)), D scanned, beside what a constant delay does."""
-    index, T = np.arange(len(track.drive)), max(float(np.ptp(track.t)), track.dt)
-    share = (track.t - track.t.min()) / T - 0.5
-    change = track.drive - track.past(track.drive, 1)
-    if np.count_nonzero(change) < 8:
-        return None
-    moved = []
-    for D in DELAYS:
-        late = np.clip(index - D * share, track.first, len(index) - 1)
-        moved.append(np.interp(late, index, track.drive) - track.drive)
-    columns = track.through(track.gain * np.column_stack(moved)).T[:, :, None]
-
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        total = 1e3 * DELAYS[k] * fit.coefficients[0] * track.dt
-        words = f"the delay {'grows' if total > 0 else 'falls'} by {abs(total):.2g} ms within "
-        error = abs(total) * NORMAL * noise * np.sqrt(fit.covariance[0, 0])
-        x = np.array([track.t.min(), track.t.max()])
-        y = np.array([0.0, total])
-        half = np.array([0.0, error / max(abs(fit.coefficients[0]), 1e-9)])
-        return f"{words}{T:.3g} s", Curve("time [s]", "delay [ms more]", x, y, y - half, y + half)
-
-    beside = track.through(track.gain * change)
-    return Terms(columns, says, np.array(DELAYS), None, beside)
 
 
 def _step_curve(
@@ -239,5 +210,4 @@ SHAPES = (
     Shape("gain-drift", ShapePlace.TIME, gain_drift),
     Shape("load-drift", ShapePlace.TIME, load_drift),
     Shape("lag-drift", ShapePlace.TIME, lag_drift, of_speed=True),
-    Shape("delay-drift", ShapePlace.TIME, delay_drift),
 )
