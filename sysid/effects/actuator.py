@@ -217,7 +217,6 @@ EFFECTS = (
         hints=Hints(
             ties=("sensor-saturation",),
             programmes=(TOP, LEVELS),
-            weakens=True,
         ),
     ),
     Effect(
@@ -262,7 +261,6 @@ EFFECTS = (
         hints=Hints(
             ties=("input-saturation", "cross-coupling", "inertial-coupling"),
             programmes=(ONE_AND_OTHER, TOP),
-            weakens=True,
         ),
     ),
     Effect(
@@ -296,7 +294,6 @@ EFFECTS = (
         hints=Hints(
             ties=("coulomb-friction", "stiction", "dead-time"),
             programmes=(STAIRCASE, RAMPS, COASTING),
-            weakens=True,
         ),
     ),
     Effect(
@@ -328,7 +325,6 @@ EFFECTS = (
         hints=Hints(
             ties=("supply-sag",),
             programmes=(LEVELS, ONE_AND_OTHER, COASTING),
-            weakens=True,
         ),
     ),
     Effect(

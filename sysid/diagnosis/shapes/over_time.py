@@ -1,4 +1,4 @@
-"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift, a delay.
+"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift.
 
 The torque of the base is T = K d. Terms: K d·1[t ≥ t₁] (gain), 1[t ≥ t₁] (load), ω·1[t ≥ t₁]
 (time constant, beside gain), and the same times a curve of time.
@@ -10,7 +10,6 @@ from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
     command_gain,
@@ -22,6 +21,7 @@ from sysid.diagnosis.shapes.reading import (
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 TIMES = 48
 """Times of a change that are tried first; the best is then refined between its neighbours."""
@@ -31,9 +31,6 @@ EDGE = 0.04
 
 PIECES_OF_DRIFT, PIECES_OF_LOAD = 6, 36
 """Pieces of the curve of a gain that drifts, and of a load that wanders."""
-
-DELAYS = (-8.0, -5.0, -3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
-"""Samples by which a delay has grown from the first to the last sample, tried in turn."""
 
 
 def constant(track: Track) -> Array:
@@ -109,7 +106,7 @@ def gain_step(track: Track) -> Terms | None:
         curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
         return _said(track, words, when, curve)
 
-    return Terms(columns, says, at.astype(np.float64))
+    return Terms(columns, says)
 
 
 def load_step(track: Track) -> Terms | None:
@@ -128,7 +125,7 @@ def load_step(track: Track) -> Terms | None:
         curve = _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
         return _said(track, words, _when(track, at[k], at), curve)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def plant_step(track: Track) -> Terms | None:
@@ -154,7 +151,7 @@ def plant_step(track: Track) -> Terms | None:
         curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
         return _said(track, words, when, curve)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def gain_drift(track: Track) -> Terms | None:
@@ -205,7 +202,7 @@ def _drift(
         curve = Curve("time [s]", label, x, y, y - half, y + half)
         return _said(track, words, f"within {span:.3g} s", curve)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), beside)
+    return Terms(columns[None], says, bend(columns.shape[1]), beside)
 
 
 def _way(y: Array) -> str:
@@ -213,32 +210,6 @@ def _way(y: Array) -> str:
     if abs(rise) < 0.7 * np.ptp(y):
         return "wanders"
     return "rises" if rise > 0.0 else "falls"
-
-
-def delay_drift(track: Track) -> Terms | None:
-    """K (d(t − D·(t/T − ½)) − d(t)), D scanned, beside what a constant delay does."""
-    index, T = np.arange(len(track.drive)), max(float(np.ptp(track.t)), track.dt)
-    share = (track.t - track.t.min()) / T - 0.5
-    change = track.drive - track.past(track.drive, 1)
-    if np.count_nonzero(change) < 8:
-        return None
-    moved = []
-    for D in DELAYS:
-        late = np.clip(index - D * share, track.first, len(index) - 1)
-        moved.append(np.interp(late, index, track.drive) - track.drive)
-    columns = track.through(track.gain * np.column_stack(moved)).T[:, :, None]
-
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        total = 1e3 * DELAYS[k] * fit.coefficients[0] * track.dt
-        words = f"the delay {'grows' if total > 0 else 'falls'} by {abs(total):.2g} ms within "
-        error = abs(total) * NORMAL * noise * np.sqrt(fit.covariance[0, 0])
-        x = np.array([track.t.min(), track.t.max()])
-        y = np.array([0.0, total])
-        half = np.array([0.0, error / max(abs(fit.coefficients[0]), 1e-9)])
-        return f"{words}{T:.3g} s", Curve("time [s]", "delay [ms more]", x, y, y - half, y + half)
-
-    beside = track.through(track.gain * change)
-    return Terms(columns, says, np.array(DELAYS), None, beside)
 
 
 def _step_curve(
@@ -258,5 +229,4 @@ SHAPES = (
     Shape("gain-drift", ShapePlace.TIME, gain_drift),
     Shape("load-drift", ShapePlace.TIME, load_drift),
     Shape("lag-drift", ShapePlace.TIME, lag_drift, of_speed=True),
-    Shape("delay-drift", ShapePlace.TIME, delay_drift),
 )

@@ -5,12 +5,10 @@ import numpy as np
 from sysid.data.record import Array, Channel
 from sysid.diagnosis.shapes.smoother import Fit
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 GRID = 80
 """Points of a curve."""
-
-NORMAL = 1.96
-"""Standard deviations of a 95 % band."""
 
 
 def own_feedback(track: Track, fit: Fit) -> float:

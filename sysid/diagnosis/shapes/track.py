@@ -181,11 +181,6 @@ class Track:
         """Size of the fast measurements."""
         return float(max(np.quantile(np.abs(self.measured), 0.98), 1e-12))
 
-    @property
-    def seconds(self) -> float:
-        """The length of the longest log [s]."""
-        return float(np.max(self.t)) + self.dt
-
 
 def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track, ...]:
     """Every track of a diagnosis around a candidate model; the given base has no free core."""
