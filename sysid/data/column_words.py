@@ -113,7 +113,7 @@ BRAKES = word_set(
 """Words of a switch that is on where the drive is held or let go."""
 
 REFERENCES = SET_POINTS | {"hat", "sim", "stddev", "error", "err"}
-BATTERIES = frozenset(("battery", "bat", "batt", "vbat", "akku", "batterie"))
+BATTERIES = frozenset(("battery", "bat", "batt", "vbat", "akku", "batterie", "soc"))
 SUPPLIES = BATTERIES | {"supply", "versorgung"}
 
 COMPOUND = 5

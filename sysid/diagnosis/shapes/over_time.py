@@ -78,7 +78,7 @@ def _said(track: Track, words: str, when: str, curve: Curve) -> tuple[str, Curve
     if track.settles:
         return words, curve
     words = (
-        f"gain, load or time constant change {when}; the base does not settle within this log, "
+        f"the gain, load or time constant changes {when}; the base does not settle within the log, "
         "which therefore does not say which of them, or by how much"
     )
     return words, None
