@@ -10,7 +10,7 @@ from sysid.workspace.store import AUGMENTED, StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .diagnose_files import keep_models, write_results
-from .diagnose_report import show, show_all
+from .diagnose_report import show
 from .field_options import with_options
 from .mission_options import Driven, DriveOptions
 from .options import command, group, option
@@ -68,7 +68,7 @@ def diagnose(
     before, after = keep_models(place, result, given, origin, judged)
     offsets = result.before.operating_point.decision
     read_as = decided((*data.records, *(holdout or ())), offsets)
-    document = write_results(folder, result, before, after, read_as)
+    document, page = write_results(folder, result, before, after, read_as)
     if after != before:
         place.remember(AUGMENTED, after)
     if json:
@@ -76,7 +76,7 @@ def diagnose(
     else:
         show(result, before, after, folder, read_as)
         if full:
-            show_all(result, before, after, folder)
+            render.page(page)
 
 
 @dataclass(frozen=True, eq=False)

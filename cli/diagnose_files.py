@@ -10,6 +10,7 @@ from sysid.workspace.store import StoredModel, Workspace
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnosis import Diagnosis, Experiment
+    from sysid.report.page import Page
     from sysid.structures.model import Model
 
 
@@ -37,8 +38,8 @@ def keep_models(
 
 def write_results(
     folder: Path, result: "Diagnosis", before: str, after: str, read_as: list[dict[str, str]]
-) -> dict[str, Any]:
-    """Write schedules, page and document; return the document.
+) -> "tuple[dict[str, Any], Page]":
+    """Write schedules, page and document; return document and page.
 
     Args:
         before, after: ids of the models in the workspace.
@@ -56,7 +57,7 @@ def write_results(
     files["diagnosis.json"] = documents.text(document)
     for name, content in files.items():
         write_atomic(folder / name, content)
-    return document
+    return document, page
 
 
 def schedule_text(experiment: "Experiment") -> str:

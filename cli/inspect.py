@@ -75,10 +75,18 @@ def _isolability(records: "tuple[Record, ...]", plot: Path | None) -> "Isolabili
 
     found = isolability(records)
     if plot is not None:
-        from sysid.report.isolability_drawing import IsolabilityPicture
+        from dataclasses import replace
+
+        from sysid.errors import ModelError
+        from sysid.report.diagnosis_panels import isolability as panels_of
+        from sysid.report.panels import PanelPicture
         from sysid.report.plots import write_picture
 
-        write_picture(plot, IsolabilityPicture(found))
+        panels = tuple(replace(p, large=True) for p in panels_of(found))  # many rows
+        if not panels:
+            raise ModelError("fewer than two effects would show: there is nothing to draw")
+        names = ", ".join(dict.fromkeys(r.name for r in records))
+        write_picture(plot, PanelPicture("What the log can distinguish", names, panels))
     return found
 
 

@@ -74,10 +74,12 @@ def _show(found: "Look", read_as: str, files: "dict[str, Path | None]") -> None:
     answer = Answer.with_files(1, files)
     answer.note(read_as, 2)
     first = found.records[0]
+    units = {p.unit for p in found.paths}
+    common = f" [{units.pop()}]" if len(units) == 1 else ""
     rows = [
         (
             f"{p.input} → {p.output}",
-            f"{p.gain:.4g} ± {1.96 * p.gain_error:.2g}" if p.seen else "none seen",
+            _gain(p) + (f" {p.unit}" if p.seen and not common else ""),
             f"{p.rise_s:.3g} s" if p.seen and p.rise_s == p.rise_s else "–",
             _delay(p),
             f"{p.trusted_hz:.3g} Hz" if p.trusted_hz else "nowhere",
@@ -85,7 +87,7 @@ def _show(found: "Look", read_as: str, files: "dict[str, Path | None]") -> None:
         for p in sorted(found.paths, key=lambda p: not p.seen)
     ]
     shown = answer.table(
-        ("response", "gain", "63 % after", "delay [samples]", "clear up to"),
+        ("response", f"gain{common}", "63 % after", "delay [samples]", "clear up to"),
         rows,
         spare=1 + min(2 * first.ny, LINES_OF_OUTPUTS),
     )
@@ -173,6 +175,10 @@ def _linearity(name: str, found: "Look", i: int) -> str:
             else f"nothing nonlinear predicts its errors (p = {test.p_value:.2g})"
         )
     return f"  {verdict}{': ' if parts else ''}{', '.join(parts)}."
+
+
+def _gain(p: "Response") -> str:
+    return f"{p.gain:.4g} ± {1.96 * p.gain_error:.2g}" if p.seen else "none seen"
 
 
 def _document(found: "Look") -> dict[str, Any]:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from sysid.data.finding import Finding
+    from sysid.report.page import Page
     from sysid.structures.model import Model, ParameterEstimate
 
 _PIPE_WIDTH = 120
@@ -181,6 +182,26 @@ def findings(verdicts: "Sequence[Finding]") -> None:
         console.print(line, soft_wrap=True)
         if finding.advice:
             _print(" " * len(head) + finding.advice, sys.stdout, "dim")
+
+
+def page(content: "Page") -> None:
+    """Print what stands on a page below its title, but for the pictures."""
+    for sentence in (*(words for _, words in content.checks), *content.text):
+        say(sentence)
+    for figure, words in content.tiles:
+        say(f"{figure} {words}")
+    for section in content.sections:
+        if not section.within or section.text or section.rows or section.code:
+            say("")
+            say(section.title, "bold" if section.within else "bold cyan")
+            for line in section.text:
+                say(line)
+            if section.rows:
+                table(section.heads, section.rows, caption=section.note)
+            for block in section.code:
+                command(block)
+            for name in section.files:
+                say(f"File: {name}")
 
 
 READING_LINES = 8

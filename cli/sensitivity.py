@@ -50,10 +50,13 @@ def sensitivity(
     mended = mendings(subject, found.doubtful, errors)
     ends = _profiles(subject, records, found)
     if plot is not None:
+        from sysid.report.panels import PanelPicture
         from sysid.report.plots import write_picture
-        from sysid.report.sensitivity_drawing import SensitivityPicture
+        from sysid.report.sensitivity_panels import sensitivity_panels
 
-        write_picture(plot, SensitivityPicture(found, records[0]))
+        panels = sensitivity_panels(found, records[0])
+        title = "When the log shows which parameter"
+        write_picture(plot, PanelPicture(title, records[0].name, panels, 1))
     if json:
         more = {"experiments": [vars(m) for m in mended], "profiles": ends, "picture": plot}
         render.document({**found.to_json(), **more})

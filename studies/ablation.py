@@ -29,7 +29,6 @@ from studies.records import data_folder
 from sysid.diagnosis import diagnose as whole
 from sysid.diagnosis.rules import ledger
 from sysid.diagnosis.search import forward_selection, moves
-from sysid.diagnosis.session import DiagnosisSession
 from sysid.report.markdown import foot, table
 
 SUITES = {"singles": 34, "pairs": 16, "triples": 6, "nothing": 12, "outside": 12}
@@ -82,7 +81,6 @@ SWITCHES: Mapping[str, Switch] = MappingProxyType(
             lambda result, *_: result,
             lambda found, result, *_: found is not result,
         ),
-        "move: without jitter": Switch(DiagnosisSession, "without_jitter", _nothing, _some),
         "rule: redundant": Switch(
             forward_selection, "is_redundant", lambda *_: False, lambda found, *_: bool(found)
         ),

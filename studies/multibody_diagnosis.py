@@ -197,7 +197,7 @@ def _robots() -> str:
         cut = round(0.7 * len(log))
         found = diagnose_pose([_rows(log, 0, cut)], [_rows(log, cut, len(log))], geometry)
         assert found is not None
-        c = found.whole.channels
+        c = found.gap.channels
         place = [math.hypot(getattr(c["x"], w), getattr(c["y"], w)) for w in _WHEN]
         turn = [float(getattr(c["psi"], w)) for w in _WHEN]
         named = [

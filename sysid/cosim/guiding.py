@@ -29,7 +29,7 @@ from sysid.robot.mission.simulator import result_of, run, scene_of, shaper_of
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.robot_plant import TrackChannels
 from sysid.runners import floats
-from sysid.vehicle.kinematics import Real
+from sysid.vehicle.kinematics import Real, wheel_speeds
 
 PATIENCE = 10.0
 """A half that says nothing for this long [s] of real time is given up: a busy machine stops a
@@ -73,8 +73,7 @@ class _Heard:
 
     def wheel_speeds(self, state: Body) -> tuple[Real, Real]:
         """ω of both tracks [rad/s] that move a body so without slip (thesis 2.13, inverted)."""
-        turn = 0.5 * self._geometry.B * state.yaw_rate
-        return (state.speed - turn) / self._geometry.r, (state.speed + turn) / self._geometry.r
+        return wheel_speeds(state.speed, state.yaw_rate, self._geometry)
 
     def ticks(self, period: float) -> Iterator[Tick]:
         """A tick for whatever the robot says, until it says that the mission is over.

@@ -1,6 +1,7 @@
 """Meaning of the words in a column's name: side, command, measurement or time."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -112,7 +113,7 @@ BRAKES = word_set(
 """Words of a switch that is on where the drive is held or let go."""
 
 REFERENCES = SET_POINTS | {"hat", "sim", "stddev", "error", "err"}
-BATTERIES = frozenset(("battery", "bat", "batt", "vbat", "akku", "batterie"))
+BATTERIES = frozenset(("battery", "bat", "batt", "vbat", "akku", "batterie", "soc"))
 SUPPLIES = BATTERIES | {"supply", "versorgung"}
 
 COMPOUND = 5
@@ -201,6 +202,14 @@ def meaning(name: str, unit: str = "") -> Meaning:
     by_unit = 1 if unit in PROCESS_UNITS else None  # says what a word would
     found = [rank for rank in (_rank(parts, MEASUREMENTS), by_unit) if rank is not None]
     return Meaning("measurement", found[0], side) if found else Meaning("other", 0, side)
+
+
+def left_and_right(names: Sequence[str]) -> tuple[int, int] | None:
+    """Places of the one name that says left and of the one that says right; None without both."""
+    sides = [meaning(name).side for name in names]
+    if sides.count("left") != 1 or sides.count("right") != 1:
+        return None
+    return sides.index("left"), sides.index("right")
 
 
 def family(name: str) -> tuple[str, ...]:

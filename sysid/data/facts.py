@@ -131,6 +131,12 @@ class LogFacts:
         return any(t.seen for t in self.feedback or ())
 
     @property
+    def moved_by_controller_alone(self) -> bool:
+        """Whether a law explains the only input by the output, and no set point moves it."""
+        laws = [t for t in self.feedback or () if t.law is not None and not t.reference]
+        return self.records[0].nu == 1 and bool(laws)
+
+    @property
     def surely_closed_loop(self) -> bool:
         """Whether it does so for sure and strongly, and with commands that seldom rest."""
         return any(t.sure for t in self.feedback or ())

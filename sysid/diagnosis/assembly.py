@@ -133,10 +133,10 @@ class _Assembly:
         seen = findings.sample_effects(base.parts.samples)
         effects = in_order((*map(self.named, selection.effects), *on_ground, *seen))
         ids = [e.id for e in effects]
-        poor, linear = self.poor(), session.linear_words(selection)
+        poor = self.poor()
         off = (pose is not None and pose.residuals.structured) or poor.startswith(ASTRAY)
-        verdict = verdict_of(ids, remaining, off or bool(linear), self.shapes)
-        gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
+        verdict = verdict_of(ids, remaining, off, self.shapes)
+        gap = remaining.gap if pose is None else with_path(remaining.gap, pose.gap)
         left = replace(remaining, gap=gap) if on_ground else remaining
         told = story(verdict, ids, left, base.on_rate, self.shapes)
         traces, unseen = self.traces(), self.unseen(ids)
@@ -169,9 +169,7 @@ class _Assembly:
             before=old,
             after=new,
             residuals=tuple(r.verdict(name) for name, r in left_by if r is not None),
-            description="; ".join(
-                filter(None, ("" if self.shapes else linear, self.description(bool(effects))))
-            ),
+            description=self.description(bool(effects)),
             warnings=self.warnings(),
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
@@ -339,13 +337,7 @@ class _Assembly:
                 "static curve is not identifiable from this log, because each looks like another "
                 "gain."
             )
-        late = session.jitter or detect_jitter(base, selection.final, session.floor)
-        said += [u.sentence for u in late]
-        if session.jitter:
-            said.append(
-                "Samples that this jitter spoils are excluded from the search and from every "
-                "figure."
-            )
+        said += [u.sentence for u in detect_jitter(base, selection.final, session.floor)]
         said += findings.indistinct_edges(base, selection, records)
         if hidden := base.parts.samples.hidden:
             said.append(f"{hidden} lost or repeated measurements are excluded from every figure.")

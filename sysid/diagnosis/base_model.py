@@ -164,15 +164,6 @@ class Base:
         words += "sample is half a sample late)"
         return replace(self, search=search, model=candidate, words=words, sampled=True)
 
-    def without(self, estimation: Sequence[Array], holdout: Sequence[Array]) -> "Base":
-        """The base fitted again where samples of both parts do not count, (N, ny) a record."""
-        weights = (
-            tuple(w * m for w, m in zip(self.parts.weights[0], estimation, strict=True)),
-            tuple(w * m for w, m in zip(self.parts.weights[1], holdout, strict=True)),
-        )
-        search, parts = self.search.weighted(weights), replace(self.parts, weights=weights)
-        return replace(self, parts=parts, search=search, model=search.base(self.model.q[None]))
-
 
 def fit_baseline(
     data: Sequence[Record] | LogFacts,

@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.checks.dynamics_checks import change_sentence
+from sysid.data.checks.dynamics_checks import (
+    WITHOUT_DRIFT,
+    change_sentence,
+    drift_sentences,
+)
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
@@ -151,8 +155,12 @@ def _searched(
         )
         several = with_ground(diagnosis.several, every, base.search.logs, pose_diagnosis, geometry)
         diagnosis = replace(diagnosis, several=several)
-    changes = tuple(change_sentence(c, estimation[0]) for c in facts.changes)
-    return replace(diagnosis, changes=changes)
+    drifts = drift_sentences(estimation[0], facts.changes, facts.drifts).values()
+    changes = [
+        *(change_sentence(c, estimation[0]) for c in facts.changes),
+        *(f"{drift} {WITHOUT_DRIFT}" for drift in drifts),
+    ]
+    return replace(diagnosis, changes=tuple(changes))
 
 
 MIN_SAMPLES = 60

@@ -46,7 +46,7 @@ def or_on_first_order(
         return result  # what swings and is not explained is a spring, which no effect is
     if not (found.selected or kept.selected):
         left, other = (_left_by_shapes(r.session) for r in (first_order, result))
-        return first_order if left < RULE.as_good * other else result
+        return first_order if left < RULE.tie * other else result
     return first_order if first_order.session.explains_more(found, kept.final) else result
 
 
@@ -68,10 +68,10 @@ def or_a_sample_later(
     q[list(own)] = before.model.null[list(own)]
     others = tuple(e for e in final.effects if e != DELAY.id)
     free = tuple(k for k in final.free if k not in own)
-    same = base.search.evaluate(others, q, free, final.touched, final.excluded)
+    same = base.search.evaluate(others, q, free, final.touched)
     fitted = base.search.fitted(same)  # where a drive sticks, other numbers may fit one log better
     later = min(same, fitted, key=lambda c: c.holdout_rmse)
-    if later.holdout_rmse > RULE.as_good * final.holdout_rmse:
+    if later.holdout_rmse > RULE.tie * final.holdout_rmse:
         return result
     selected = base.search.account(base.model, later, base.search.model.effects, ())
     found = replace(result.selection, base=base.model, final=later, selected=selected, intervals={})

@@ -18,6 +18,7 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base, fit_baseline
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.search.evidence import needed_power
 from sysid.diagnosis.search.screen import screened
 from sysid.diagnosis.search.starts import starts_of
 from sysid.diagnosis.session import noise_of
@@ -142,8 +143,7 @@ def _needed(e: Effect, tracks: int, samples: float) -> float:
     """‖Δ⊥‖² in units of the noise's power that the rule of acceptance asks for."""
     numbers = len(e.searched({p.name: p.start(0) for p in e.parameters if p.choice}))
     numbers *= 1 if e.shared else tracks
-    likelihood = (-RULE.bic + numbers * np.log(samples)) / samples
-    return float(samples * max(1.0 / RULE.held_out**2 - 1.0, np.expm1(likelihood)))
+    return samples * needed_power(numbers, samples, RULE.held_out)
 
 
 def opening(a: str, b: str) -> str:

@@ -16,7 +16,7 @@ class AcceptanceRule:
         blocks: share of the touched blocks whose error must fall: otherwise one event carries the
             effect.
         held_out: the held-out error must fall below this share of before: smaller gains are seldom
-            right and never matter.
+            right and never matter. A shape must leave less of a name's to take its place.
         in_loop: the same for a log recorded in closed loop, where the input answers the
             disturbance, and wherever the errors are likely but not surely structured.
         own_part: share below which an effect must bring the error to keep a track, or to stay
@@ -31,13 +31,12 @@ class AcceptanceRule:
         alike: runs that differ by less than this share of the remaining error are the same
             explanation.
         tie: models whose errors are within this factor cannot be distinguished, whatever the sample
-            size.
+            size; the simpler base is preferred up to it.
         known_tie: the same for effects that the catalogue lists as ties.
         chance_tie: the same where the paired t is below ``t``: the difference may be chance.
         least_gain, most_gain: factors within which the gain of the base must stay; small commands
             that hardly leave a dead zone make it far too small (a weight on the shaft leaves no
             gain at all, and has no upper factor).
-        as_good: fewer effects on a simpler base are preferred up to this ratio of held-out errors.
     """
 
     bic: float = -6.0
@@ -59,7 +58,6 @@ class AcceptanceRule:
     chance_tie: float = 1.1
     least_gain: float = 1.0 / 3.0
     most_gain: float = 20.0
-    as_good: float = 1.02
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,6 @@ class VerdictRule:
             missing effect.
         residual_to_noise: errors beyond this multiple of the measurement noise are more than noise.
         residual_to_noise_later: the same once an effect is accepted.
-        refuting: a model whose errors are below this share of the noise floor refutes
-            that floor.
         nearly_all: when less of the gap [%] is closed, the remainder is described.
         min_damping: a base with less damping swings on a spring; the catalogue has no spring law.
         min_share: an effect that would close less of the gap [%] is too small to matter, …
@@ -90,7 +86,6 @@ class VerdictRule:
     min_predicted_share: float = 0.15
     residual_to_noise: float = 1.5
     residual_to_noise_later: float = 1.1
-    refuting: float = 0.8
     nearly_all: float = 90.0
     min_damping: float = 0.2
     min_share: float = 1.0
@@ -106,13 +101,11 @@ class ShapeRule:
     Attributes:
         near: shapes whose scores differ by less are equal; the one with fewest numbers is told
             (10 in units of BIC is very strong evidence; Kass & Raftery 1995).
-        clearly_more: a name is withheld where a shape of another place, or of time, leaves less
-            than this share of its held-out error: as much as a first effect must bring.
         numbers_of_law: at the place of a name a shape of so many numbers is as plain as a law: a
             size and a width, a size and a time.
         of_signals: a free curve of time follows anything slow, and another log needs another one:
             what depends on commands and outputs comes first while it explains this share of it.
-        of_names: the same for names, which claim more than a shape does.
+        of_names: the same for a column that the log holds unused, which claims more.
         whole: a shape that explains less of the excess error is known in part: something else is
             missing that may have this shape for its shadow.
     """
@@ -122,7 +115,6 @@ class ShapeRule:
     of_signals: float = 0.5
     of_names: float = 0.8
     whole: float = 0.8
-    clearly_more: float = 0.90
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,6 @@ class PoseRule:
     """What is required of effects between tracks and ground beyond ``AcceptanceRule``.
 
     Attributes:
-        most_effects: number of effects at most; a pair of radii counts as two.
         min_slip: a smaller loss of distance is no slip even where the radius is given: a tyre rolls
             on less than its measured radius.
         min_growing_slip: a loss that grows with speed and stays below this at the highest speed is
@@ -151,7 +142,6 @@ class PoseRule:
             predict before something is called missing.
     """
 
-    most_effects: int = 4
     min_slip: float = 0.03
     min_growing_slip: float = 0.01
     min_lag_samples: float = 0.5
@@ -172,8 +162,6 @@ class SearchBudget:
 
     Attributes:
         most_effects: effects of one model at most: five were never all proven.
-        beam: sets grown side by side: the likeliest first effect may be a stand-in.
-        far_ahead: a rival is not grown when the leading set scores so many times higher.
         shortlist: effects that are fitted in full.
         screened: effects that the screen hands on: of 47 blind logs from physics the truth was
             among the first nine in all but one.
@@ -190,8 +178,6 @@ class SearchBudget:
     """
 
     most_effects: int = 4
-    beam: int = 2
-    far_ahead: float = 4.0
     shortlist: int = 9
     screened: int = 12
     more_steps: int = 4
@@ -204,6 +190,9 @@ class SearchBudget:
     promising: float = 0.95
     phases: int = 24
 
+
+ENDLESS = 1e100
+"""A size beyond this belongs to a run without end; its square is still a number."""
 
 RULE = AcceptanceRule()
 VERDICT = VerdictRule()

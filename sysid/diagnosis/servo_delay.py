@@ -5,15 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.diagnosis.search.motion_equations import Motion, motion_equation
 
 MOVES = 8.0
 """Change of the position over two samples, in its noise, from which it moves."""
 
 ORDER = 2
 """Of the motion that is regressed: a mass in a loop that is stiff and damped."""
-
-LEAST_ROWS = 10
-"""Rows a number of the regression, below which it says nothing."""
 
 SURE = 0.5
 """Share of the linear model's squares that a shorter dead time must leave at most. Behind play and
@@ -41,20 +39,13 @@ def servo_delay(records: Sequence[Record], noise: Array, most: int) -> int:
 
 def _squares(records: Sequence[Record], noise: Array, n: int, most: int, track: int) -> float:
     """What dead time n leaves of the motion, squared and in units of the noise; inf for too few."""
-    rows, rights = [], []
     rests = MOVES * noise[track]
+    moving = []
     for r in records:
         u, y = r.u[:, track], r.y[:, track]
         at = np.arange(ORDER + most, len(y) - 1)
-        if len(at) == 0:
-            continue
         way, before = y[at + 1] - y[at - 1], y[at] - y[at - 2]
         at = at[(np.abs(way) > rests) & (before * np.sign(way) > -rests)]
-        past = [y[at - k] for k in range(ORDER)] + [u[at + 1 - n - k] for k in range(ORDER)]
-        rows.append(np.column_stack([*past, np.sign(y[at + 1] - y[at - 1]), np.ones(len(at))]))
-        rights.append(y[at + 1])
-    if sum(map(len, rights)) < LEAST_ROWS * (2 * ORDER + 2):
-        return np.inf
-    A, b = np.concatenate(rows), np.concatenate(rights)
-    left = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-    return float(left @ left) / max(float(noise[track]), 1e-12) ** 2
+        moving.append(Motion(y, u, at, (np.sign(y[at + 1] - y[at - 1]), np.ones(len(at)))))
+    equation = motion_equation(moving, ORDER, n)
+    return np.inf if equation is None else equation.squares / max(float(noise[track]), 1e-12) ** 2

@@ -19,8 +19,6 @@ from sysid.diagnosis.search.selection import (
 )
 from sysid.diagnosis.shapes.fitted import FittedShape
 from sysid.diagnosis.shapes.grading import FoundShape, proven, shapes_around
-from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
-from sysid.diagnosis.validation.linear_rival import LinearRival, linear_rival
 from sysid.diagnosis.validation.model_error import (
     MIN_SAMPLES,
     ResidualStructure,
@@ -42,7 +40,6 @@ class DiagnosisSession:
     noise: NoiseFloor
     scales: Array
     seed: int
-    jitter: tuple[Jitter, ...] = ()
     _shapes: dict[CandidateModel, tuple[FittedShape, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -95,12 +92,7 @@ class DiagnosisSession:
                 lambda candidate: self.remains(replace(self.nothing, final=candidate)),
                 needed,
             )
-        plain = self._apart(selection)
-        if plain.selection.selected or self.jitter or self.base.given is not None:
-            return plain
-        apart = self.without_jitter()
-        result = None if apart is None else apart.searched(effects, say)
-        return result if result is not None and result.selection.selected else plain
+        return self._apart(selection)
 
     def _apart(self, selection: Selection) -> "SelectionResult":
         """A sampling lag belongs to both models and is not reported as an effect."""
@@ -112,30 +104,6 @@ class DiagnosisSession:
         return SelectionResult(
             replace(self, base=base), moved_to_base(selection, SAMPLING.id, base.model)
         )
-
-    def without_jitter(self) -> "DiagnosisSession | None":
-        """The session of the samples that no uneven delay of the commands spoils; None without one.
-
-        Such delays make errors behind every change that are larger than what a dead zone leaves
-        at constant speed.
-        """
-        jitter = detect_jitter(self.base, self.base.model, self.floor)
-        if not jitter:
-            return None
-        rows = rows_without_jitter(self.base, jitter, self.floor)
-        pairs = (zip(*p, strict=True) for p in zip(self.base.parts.weights, rows, strict=True))
-        left = (sum(np.sum(w * m > 0.0, axis=0) for w, m in part) for part in pairs)
-        if any(np.any(n < MIN_SAMPLES) for n in left):
-            return None  # of what always moves nothing would be left
-        base = self.base.without(*rows)
-        return replace(self, base=base, jitter=jitter)
-
-    def linear_words(self, selection: Selection) -> str:
-        """How much of errors far above the noise is linear motion of higher order; else empty."""
-        if not self.far_above_noise(selection):
-            return ""
-        names = self.base.parts.holdout[0].output_names
-        return self.linear_rival.words(selection, self.floor, names)
 
     def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
         """What the errors on the held-out data still depend on; None with too few samples."""
@@ -158,27 +126,17 @@ class DiagnosisSession:
         something is missing for sure, errors need not be far above the noise to ask for more.
         """
         (_, old), (_, new) = (n.errors.mean_squares() for n in (selection.base, selection.final))
-        lower = self.refuted(selection)
-        floor = lower * self.floor
-        noise = VERDICT.residual_power_to_noise * floor**2
+        noise = VERDICT.residual_power_to_noise * self.floor**2
         # a small share of a large gap may be far above the noise: an effect beside a large one
-        minor = 0.01 * VERDICT.min_share * np.maximum(old - floor**2, noise)
-        if np.all(new - floor**2 < np.minimum(minor, noise)):
+        minor = 0.01 * VERDICT.min_share * np.maximum(old - self.floor**2, noise)
+        if np.all(new - self.floor**2 < np.minimum(minor, noise)):
             return 0.0
         structure = self.residual_structure(selection, after=True)
         if structure is None or structured(structure):
             return self.base.search.needed
         later = bool(selection.final.effects)
         above = VERDICT.residual_to_noise_later if later else VERDICT.residual_to_noise
-        return RULE.in_loop if np.any(np.sqrt(new) > above * lower * self.noise.high) else 0.0
-
-    def refuted(self, selection: Selection) -> float:
-        """What the noise is at most of what it was taken for: no model errs less than noise.
-
-        What makes measurements look noisy (one without its sign) makes all of them so.
-        """
-        reached = np.sqrt(selection.final.errors.mean_squares()[1]) / self.floor
-        return float(min(np.min(reached), 1.0)) if reached.min() < VERDICT.refuting else 1.0
+        return RULE.in_loop if np.any(np.sqrt(new) > above * self.noise.high) else 0.0
 
     def follows(self) -> bool:
         """Whether the base follows the data at all: else its errors say nothing."""
@@ -237,17 +195,6 @@ class DiagnosisSession:
         alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
         return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
 
-    @cached_property
-    def linear_rival(self) -> LinearRival:
-        """What linear motion of a higher order explains."""
-        return linear_rival(self.base)
-
-    def unexplained(self, selection: Selection) -> bool:
-        """Whether the augmented model leaves structure, and errors far above the noise."""
-        return self.far_above_noise(selection) and structured(
-            self.residual_structure(selection, after=True)
-        )
-
     def explains_more(
         self, selection: Selection, candidate: CandidateModel, below: float = RULE.held_out
     ) -> bool:
@@ -259,7 +206,6 @@ class DiagnosisSession:
 def noise_of(base: Base) -> NoiseFloor:
     """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
     parts, errors = base.parts, base.model.errors
-    slow = float(np.max(np.abs(base.poles), initial=0.0))
     if parts.holdout_facts is parts.facts:  # blocks of the same logs: together they are whole
         pairs = zip(errors.estimation, errors.holdout, strict=True)
         residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]
@@ -268,7 +214,7 @@ def noise_of(base: Base) -> NoiseFloor:
     steps = {c.output: c.step for c in parts.samples.coarse}
     rounding = np.array([steps.get(name, 0.0) for name in parts.estimation[0].output_names])
     rounding /= np.sqrt(12.0)
-    return floor_of(parts.whole, residuals, slow).at_least(rounding)
+    return floor_of(parts.whole, residuals).at_least(rounding)
 
 
 @dataclass(frozen=True, eq=False)

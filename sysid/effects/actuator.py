@@ -226,7 +226,6 @@ EFFECTS = (
         hints=Hints(
             ties=("sensor-saturation",),
             programmes=(TOP, LEVELS),
-            weakens=True,
         ),
     ),
     Effect(
@@ -271,7 +270,6 @@ EFFECTS = (
         hints=Hints(
             ties=("input-saturation", "cross-coupling", "inertial-coupling"),
             programmes=(ONE_AND_OTHER, TOP),
-            weakens=True,
         ),
     ),
     Effect(
@@ -305,7 +303,6 @@ EFFECTS = (
         hints=Hints(
             ties=("coulomb-friction", "stiction", "dead-time"),
             programmes=(STAIRCASE, RAMPS, COASTING),
-            weakens=True,
         ),
     ),
     Effect(
@@ -346,7 +343,6 @@ EFFECTS = (
         hints=Hints(
             ties=("supply-sag",),
             programmes=(LEVELS, ONE_AND_OTHER, COASTING),
-            weakens=True,
         ),
     ),
     Effect(

@@ -310,8 +310,6 @@ class Hints:
         ties: effects that many logs cannot distinguish from it.
         rare: whether one of its ties is preferred where a log cannot distinguish them.
         programmes: commands that show it, the best first.
-        weakens: whether a base without it has a smaller gain instead, so that the search starts
-            from a larger one, too.
         gathers: whether it comes on slowly over the log, and explains nothing that changes at once.
         level: whether it shifts torque or reading by a constant, which a base with a level of its
             own holds already: it is then not offered.
@@ -329,7 +327,6 @@ class Hints:
     rare: bool = False
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)
     starts_from: StartsFrom = StartsFrom.LISTED
-    weakens: bool = False
     gathers: bool = False
     level: bool = False
     beyond_sampling: bool = False

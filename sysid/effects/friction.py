@@ -273,7 +273,6 @@ EFFECTS = (
         hints=Hints(
             ties=("stiction", "dead-zone", "dead-time", "position-play"),
             programmes=(STAIRCASE, COASTING, RAMPS),
-            weakens=True,
         ),
     ),
     Effect(
@@ -298,7 +297,6 @@ EFFECTS = (
         hints=Hints(
             ties=("coulomb-friction", "dead-time"),
             programmes=(RAMPS, STAIRCASE),
-            weakens=True,
         ),
     ),
 )

@@ -208,7 +208,6 @@ EFFECTS = (
             electric=True,
             ties=("dead-zone", "coulomb-friction", "stiction"),
             programmes=(STAIRCASE, REVERSALS, COASTING),
-            weakens=True,
         ),
     ),
     Effect(

@@ -23,9 +23,11 @@ from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
 from sysid.estimation.selection.select_structure import select_structure
+from sysid.estimation.soundness import undetermined
 from sysid.estimation.two_stage import STAGES
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
+from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names
 from sysid.structures.registry import structure_class
@@ -131,7 +133,7 @@ def identify(
     )
     judged = tuple(
         assess(
-            entry.model,
+            _as_known(entry.model, facts, inspect or request.orders is None),
             (inside, labels[0]),
             (outside, labels[1]) if outside else None,
             request.policy,
@@ -144,6 +146,15 @@ def identify(
     )
     leads = valid_first(judged, contest.reason, request.criterion, names)
     return Identification(*leads, contest.failed, inside, outside, tuple(findings))
+
+
+def _as_known(model: Model, facts: LogFacts, asked: bool) -> Model:
+    """The model, without errors where a controller alone moves the input.
+
+    Args:
+        asked: whether feedback is looked for; a fit with given orders does not wait for that.
+    """
+    return undetermined(model) if asked and facts.moved_by_controller_alone else model
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:

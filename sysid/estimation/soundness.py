@@ -14,7 +14,7 @@ Such a model leads only where no settled one is as good.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from sysid.criteria.table import criterion
 from sysid.data.record import Array
 from sysid.errors import Termination
+from sysid.fitting.uncertainty import Determined
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.motion import poles, time_constants
@@ -87,6 +88,19 @@ def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[
     return (
         f"its slowest mode takes {slowest * dt:.4g} s, longer than the log of {longest * dt:.4g} s",
     )
+
+
+def undetermined(model: Model) -> Model:
+    """The model without a statement on the errors of its free parameters: all directions are open.
+
+    For a log whose input a controller alone moves. Parameters follow from it only where noise and
+    delay are those of the structure exactly (Söderström & Stoica 1989, ch. 10), which no test of
+    the same log confirms; their usual errors are then small and wrong.
+    """
+    free = np.array([p.fixed is None for p in model.parameters], dtype=np.float64)
+    covariance = np.diag(np.where(free > 0.0, np.inf, 0.0))
+    unknown = Determined(np.zeros((len(free), len(free))), np.diag(free))
+    return replace(model, covariance=covariance, determined=unknown)
 
 
 def bounded_run(s: Structure, theta: Array) -> bool:

@@ -60,7 +60,7 @@ class HoldOut:
             to the head of a short block would hide a model that drifts.
         counted: by record, the samples of ``whole`` that are held out, (N,) each.
         one_step: whether held-out samples are judged one step ahead instead of in free run, as
-            data of a closed loop have to be.
+            data of a closed loop, or with what is left of a drift, have to be.
     """
 
     train: tuple[Record, ...]

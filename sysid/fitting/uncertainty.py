@@ -1,6 +1,6 @@
 """Covariance of estimated parameters, and directions without information."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -19,6 +19,17 @@ width is not that of their bulk."""
 
 PART = 1e-3
 """Weight beyond which a parameter counts as taking part in a direction without information."""
+
+
+ALONE = 0.999
+"""Weight from which a direction without information is a single parameter."""
+
+
+def unvisited(direction: Mapping[str, float]) -> str:
+    """The one parameter that a direction without information consists of; empty for several."""
+    name = max(direction, key=lambda n: abs(direction[n]))
+    size = sum(w * w for w in direction.values()) ** 0.5
+    return name if abs(direction[name]) > ALONE * size else ""
 
 
 @dataclass(frozen=True, eq=False)

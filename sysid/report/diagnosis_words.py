@@ -13,7 +13,6 @@ from sysid.diagnosis.diagnosis import OF_THE_LOG, Against, Diagnosis, NamedEffec
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region, leading
-from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.diagnosis.verdict import ASTRAY, shape_known
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
@@ -185,16 +184,6 @@ ALL = 99.9
 """Share of the excess error closed [%] beyond which its interval has nothing more to say."""
 
 
-def gap_sentence(result: Diagnosis) -> str:
-    """How much of the gap is closed."""
-    low, high = result.gap.interval
-    parts = ", ".join(f"{of} {percent(closed)}" for of, closed in result.gap.parts.items())
-    return (
-        f"{percent(result.gap.closed_percent)} of the error beyond the noise is closed on held-out "
-        f"data (95 % interval {percent(low)} to {percent(high)}{f'; {parts}' if parts else ''})."
-    )
-
-
 def closed_sentence(result: Diagnosis) -> str:
     """How much of the excess error, that beyond the noise, is closed, and on which data."""
     low, high = result.gap.interval
@@ -351,17 +340,6 @@ def estimate_words(v: Value) -> str:
 def size_sentence(result: Diagnosis) -> str:
     """Size of the remaining error; empty where nothing remains."""
     return "" if result.excess_error is None else result.excess_error.sentence
-
-
-def residual_sentence(test: ResidualVerdict) -> str:
-    """What the residual tests found on one model."""
-    model = {"before": "original", "after": "augmented"}[test.model]
-    verdict = "correlated" if test.p_value < CLEAR else "not significantly correlated"
-    share = f"{percent(100 * max(test.share, 0.0))} of what is above the noise"
-    return (
-        f"errors of the {model} model: {verdict} with inputs and outputs "
-        f"({p_words(test.p_value)}; predictable: {share})"
-    )
 
 
 def nothing_named(result: Diagnosis) -> str:

@@ -173,7 +173,8 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
 def _frame(axes: "Axes", panel: Panel) -> None:
     """Scales, limits, rules and the names of rows."""
     for level in panel.rules:
-        axes.axhline(level, color=style.INK, linewidth=0.6, zorder=1.5)
+        rule = axes.axvline if panel.names else axes.axhline
+        rule(level, color=style.INK, linewidth=0.6, zorder=1.5)
     if panel.circle:
         turn = np.linspace(0.0, 2.0 * np.pi, 181)
         axes.plot(np.cos(turn), np.sin(turn), color=style.MUTED, linewidth=0.7)

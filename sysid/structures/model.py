@@ -20,7 +20,7 @@ from sysid.data.schema import DAMAGED, Null, checked, completed
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
-from sysid.fitting.uncertainty import Determined
+from sysid.fitting.uncertainty import Determined, unvisited
 from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
@@ -56,17 +56,6 @@ class ParameterEstimate:
         written = documents.by_field(self)
         del written["visited"]
         return written if self.visited else written | {"value": None}
-
-
-ALONE = 0.999
-"""Weight from which a direction without information is a single parameter."""
-
-
-def unvisited(direction: Mapping[str, float]) -> str:
-    """The one parameter that a direction without information consists of; empty for several."""
-    name = max(direction, key=lambda n: abs(direction[n]))
-    size = sum(w * w for w in direction.values()) ** 0.5
-    return name if abs(direction[name]) > ALONE * size else ""
 
 
 @dataclass(frozen=True)
@@ -263,11 +252,13 @@ class Model:
         """Free run for inputs ``u`` (N, nu) in physical units from state x0, shape (N, ny).
 
         Args:
-            u: or a record, whose inputs and first instant are then taken.
+            u: of one input also (N,); or a record, whose inputs and first instant are then taken.
         """
         if isinstance(u, Record):
             self.check(u)
             t0, u = u.t0, u.u
+        u = np.asarray(u, dtype=np.float64)
+        u = u[:, None] if u.ndim == 1 else u
         t = t0 + self.dt * np.arange(len(u), dtype=np.float64)
         run = self.structure.simulate(self.theta, self.detrend.remove_input(u, t), x0)
         return self.detrend.restore_output(run, t)
@@ -351,6 +342,14 @@ class Model:
         """
         every = poles(self._linear("poles"), self.theta)
         return np.asarray(every[every != 0.0])
+
+    def zeros(self, channel: int = 0, output: int = 0) -> NDArray[np.complex128]:
+        """Zeros in the z plane of the path from one input to one output.
+
+        Raises:
+            ModelError: the model is not linear.
+        """
+        return self._linear("zeros").transfer(self.theta).zeros(output, channel)
 
     def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
         """Frequency response G(e^{jω dt}) from inputs to outputs.

@@ -115,14 +115,20 @@ class Ids(HTMLParser):
 def test_story_files_and_page(here: Path, capsys: Capture) -> None:
     told = run(capsys, "diagnose", "log.csv", "--full")
     assert told.code == 0, told.err
-    heads = [told.out.index(f"\n{word}\n") for word in ("Where", "What", "Added", "Shrunk")]
+    titles = (
+        "Where model and log disagree",
+        "What is missing",
+        "What was added",
+        "How far the gap shrank",
+    )
+    heads = [told.out.index(f"\n{title}\n") for title in titles]
     assert heads == sorted(heads)
     for words in (
         "of the excess error of omega_",
-        "dead-zone (actuator)",
+        "dead-zone: actuator",
         "95 % interval",
         "cannot distinguish it from stiction",
-        "of the error beyond the noise is closed",
+        "of the error beyond the noise closed",
         "Next: sysid show | sysid compare | sysid export",
     ):
         assert words in told.out
@@ -481,5 +487,5 @@ def test_empty_readings_are_dropouts(
     # one in 37 is 2.7 %, and no other reading counts as lost
     assert found["effects"][0]["parameters"][0]["value"] == pytest.approx(1 / 37, rel=0.1)
     told = run(capsys, "diagnose", "log.csv", "--val", "val.csv", "--full").out
-    assert "Nothing; the model remains" in told
+    assert "Nothing: the model stays as it is" in told
     refused(run(capsys, "diagnose", "log.csv", "--resample", "refuse"), 1, "empty")

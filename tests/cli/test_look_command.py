@@ -43,6 +43,7 @@ def test_an_odd_multisine_says_what_is_nonlinear(driven: Path, capsys: Capture) 
     assert "Nonlinear: noise -" in out
     assert "even below -" in out
     assert ", odd -" in out
+    assert "gain [speed/" in out
     assert Path("look.svg").read_bytes().startswith(b"<?xml")
     found = read_frequency_response("look.frd.csv")
     k = found.frequency * 25.6
@@ -54,6 +55,7 @@ def test_an_odd_multisine_says_what_is_nonlinear(driven: Path, capsys: Capture) 
 def test_the_document_and_the_numbers(driven: Path, capsys: Capture) -> None:
     told = answer(capsys, "look", *LOG, "--save", "look.csv")
     assert told["nonlinear"] == [True]
+    assert told["paths"][0]["unit"].startswith("speed/")
     assert told["frequency_response"] == "mean of 3 periods"
     assert "lines-speed" in Path("look.csv").read_text()
     code, _, err = ask(capsys, ["look", *LOG, "--kernel", "XX"])

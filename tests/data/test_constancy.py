@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete
 
 from sysid.data.facts import LogFacts, without_drift
 from sysid.data.record import Array, Record
+from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.samples import inspect_samples
 
 
@@ -198,6 +199,17 @@ def test_a_drift_is_seen_and_taken_out(samples: int) -> None:
     log = Record(u, y, 5.0)
     assert LogFacts((log,)).drifts[0] == pytest.approx(4.0, rel=0.1)
     assert not LogFacts((without_drift(log),)).drifts.any()
+
+
+@pytest.mark.slow
+def test_a_diagnosis_says_that_a_level_drifts() -> None:
+    """What is named beside a drift is named with what takes the drift out."""
+    rng = np.random.default_rng(9)
+    u = steps(rng, 1200, 60, 10.0, 70.0)
+    room = 20.0 + 2.0 * np.sin(np.arange(1200) / 180.0)
+    y = lag(u, 12.0) + room + 0.1 * rng.standard_normal(1200)
+    changes = diagnose([Record(u, y, 5.0)]).changes
+    assert any("drifts by 4" in c and "remove_drift" in c for c in changes)
 
 
 def test_equal_neighbours_within_the_dead_time_are_no_dropouts() -> None:

@@ -15,6 +15,7 @@ from sysid.data.checks.feedback import feedback_tests
 from sysid.data.facts import LogFacts
 from sysid.data.inspection import inspect_records
 from sysid.data.record import Channel, Record
+from sysid.estimation.assessment.step_response import step_responses
 from sysid.estimation.identify import Request, identify
 from sysid.estimation.selection.delays import chosen_delay
 
@@ -300,3 +301,8 @@ def test_a_loop_whose_set_point_rests_is_said_to_show_no_plant(moving: bool) -> 
     assert (test.law is None) == moving
     said = " ".join(f.text for f in inspect_records(facts))
     assert ("No set point moves it" in said) != moving
+    found = identify(facts, (), Request(("armax",), orders="na=1 nb=1 nc=1 nk=1"), inspect=True)
+    model = found.assessments[0].model
+    assert np.isfinite(model.parameter_table()[0].std_error) == moving
+    (response,) = step_responses(model)
+    assert np.isfinite(response.gain.std_error) == moving

@@ -1,5 +1,6 @@
 """A reference in the file tells a loop from what only looks like one, at three hundred rows."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,39 @@ def test_a_reference_alone_is_no_loop() -> None:
         if feedback_tests([led(seed, kind, how)])[0].seen
     ]
     assert len(alarms) < 5, alarms
+
+
+def cascade(seed: int, how: str) -> Record:
+    """A height whose error moves the thrust; its rate is the output, with noise of its own.
+
+    "open": the thrust is the set point, filtered, and the height drifts. "ahead": the thrust
+    follows a column that no output moves.
+    """
+    rng = np.random.default_rng([seed, 3])
+    rows = 5 * ROWS
+    r = np.repeat(rng.standard_normal(rows // 60), 60)
+    push, own, height_noise, rate_noise = rng.standard_normal((4, rows)) * 0.01
+    lead = r + 0.2 * lfilter([1.0], [1.0, -0.9], rng.standard_normal(rows))
+    u, v, h = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    for t in range(1, rows):
+        v[t] = 0.9 * v[t - 1] + 0.1 * u[t - 1] + push[t]
+        h[t] = h[t - 1] + DT * v[t]
+        error = {"loop": r[t] - h[t] - height_noise[t], "open": r[t], "ahead": lead[t]}[how]
+        u[t] = 0.6 * u[t - 1] + 0.2 * error + own[t]
+    log = record(u, v + rate_noise, r)
+    column = lead if how == "ahead" else h + height_noise
+    return replace(log, unused=column[:, None], unused_names=("height",))
+
+
+def test_a_loop_over_a_column_that_is_not_used_is_seen() -> None:
+    """Of 40 loops 36 over the column and 4 by their rate; none of 80 others."""
+    assert LogFacts((cascade(0, "loop"),)).surely_closed_loop
+    loops = [feedback_tests([cascade(seed, "loop")])[0] for seed in range(6)]
+    assert all(t.seen for t in loops)
+    over = {(t.reference, t.column) for t in loops if t.column}
+    assert over == {("ref", "height")}
+    for how in ("open", "ahead"):
+        assert not any(feedback_tests([cascade(seed, how)])[0].seen for seed in range(6))
 
 
 @pytest.mark.parametrize("name", ["speed_ref", "speed_setpoint", "target", "Sollwert", "sp"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from sysid.data.preparation import Preparation
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
@@ -164,3 +165,25 @@ def test_orders_whose_free_run_diverges_give_way(monkeypatch: pytest.MonkeyPatch
     assert bool(told) == (search.best.orders["na"] == 2)
     alone = select_structure(("arx",), [record], FitOptions(), grid=grid[1:])
     assert "Its free run does not settle (largest pole at radius" in alone.reason
+
+
+def oven(seed: int, samples: int = 600, dt: float = 10.0) -> Record:
+    """1.8 °C/% and 300 s (30 samples) in a room whose temperature walks at random."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(40.0 + 15.0 * rng.choice([-1.0, 0.0, 1.0], samples // 30), 30)
+    room = np.cumsum(rng.normal(0.0, 0.12, samples))
+    a = np.exp(-dt / 300.0)
+    y = lfilter([0.0, 1.0 - a], [1.0, -a], 1.8 * u + room) + rng.normal(0.0, 0.1, samples)
+    return Record(u[:, None], y[:, None], dt, (Channel("duty", "%"),), (Channel("oven", "degC"),))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_left_of_a_drift_takes_no_modes(seed: int) -> None:
+    """In free run modes as slow as the drift would err least."""
+    record = Preparation(remove_drift=True).apply(oven(seed))
+    found = select_structure((), [record], FitOptions())
+    model = found.entries[0].model
+    assert "one step ahead, because a drift was taken out" in found.reason
+    step = model.step_response(samples=3000)[1][:, 0] - model.detrend.y_offset[0]
+    assert step[-1] == pytest.approx(1.8, rel=0.1)
+    assert np.argmax(step > (1.0 - np.exp(-1.0)) * step[-1]) == pytest.approx(30, rel=0.2)

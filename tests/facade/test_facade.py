@@ -74,6 +74,22 @@ def test_what_a_linear_model_says_of_itself() -> None:
     assert t[1] == model.dt
 
 
+@pytest.mark.parametrize("name", ["oe", "ss"])
+def test_zeros_are_those_of_python_control(name: str) -> None:
+    control = pytest.importorskip("control")
+    model = sysid.fit(first_order(), name, "nb=2 nf=2 nk=1" if name == "oe" else "n=2")
+    zeros = model.zeros()
+    assert len(zeros) == 1
+    np.testing.assert_allclose(control.zeros(model.to_control()), zeros, rtol=1e-6, atol=1e-9)
+
+
+def test_one_input_is_simulated_as_a_series() -> None:
+    record = first_order()
+    model = oe(record)
+    np.testing.assert_array_equal(model.simulate(record.u[:, 0]), model.simulate(record.u))
+    np.testing.assert_array_equal(model.simulate([0, 1]), model.simulate(np.array([[0.0], [1.0]])))  # type: ignore[arg-type]
+
+
 def test_the_state_space_of_others_runs_alike() -> None:
     control = pytest.importorskip("control")
     record = first_order()

@@ -1,10 +1,13 @@
 """What the documentation names is there: files, modules and what they hold."""
 
+import dataclasses
 import importlib
 import re
 from pathlib import Path
 
 import pytest
+
+from sysid.structures.model import Model
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -37,6 +40,9 @@ def there(name: str) -> bool:
     return True
 
 
+OF_MODEL = {f.name for f in dataclasses.fields(Model)} | set(dir(Model))
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_files_and_modules_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
@@ -44,3 +50,4 @@ def test_files_and_modules_that_a_page_names_exist(page: Path) -> None:
     missing = {f for f in files if not any(p.endswith("/" + f.lstrip("/")) for p in FILES)}
     names = set(re.findall(r"(?<!\w)(?:sysid|sysid_cli|sysid_datasets|studies)(?:\.\w+)+", text))
     assert not missing | {n for n in names - GROUPS if not there(n)}
+    assert set(re.findall(r"(?<![\w./])model\.([a-z]\w*)", text)) <= OF_MODEL | {"json", "py"}

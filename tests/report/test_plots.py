@@ -174,6 +174,13 @@ def test_a_large_panel_stands_alone_and_shows_what_moves_at_some_places() -> Non
     assert boxes[1].y0 == boxes[2].y0 > boxes[3].y0  # two beside each other, the third below
 
 
+def test_a_limit_of_named_rows_stands_upright() -> None:
+    rows = Curve("", np.arange(2.0), np.array([10.0, 80.0]), kind="dots")
+    panel = Panel("p", "", "angle", "", (rows,), rules=(90.0,), names=("a", "b"))
+    (axes,) = plots.figure_of(PanelPicture("", "", (panel,))).axes
+    assert [90.0, 90.0] in [list(line.get_xdata()) for line in axes.lines]
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=150),

@@ -105,7 +105,6 @@ class Change:
         record: name of the record.
         parts: the gains and lags that change.
         at, error: when [s], and half of the interval of 95 %; NaN where it changes all along.
-        p_value: of constancy.
         column: the unused column that they go with, else time; and its values before and after.
         level: whether the output's level moves with it.
     """
@@ -115,7 +114,6 @@ class Change:
     parts: tuple[Part, ...]
     at: float
     error: float
-    p_value: float
     column: tuple[str, float, float] | None = None
     level: bool = False
 
@@ -148,13 +146,12 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
         X, _ = orthonormal(white(more()), 1e-9)
         e = target - X @ (X.T @ target)
         stats, effects, errors = statistics(X, Z / size, e, profiles, edges)
-        p = _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1)
-        if p > ALARM:
+        if _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1) > ALARM:
             return None
     best = int(np.argmax(stats[:, 0]))  # where the errors are least
     if stats[-1, 0] >= stats[best, 0] - WITHIN:
-        return _trend(records, j, fit, effects[-1] / size, errors[-1] / size, p)
-    return _step(records, j, fit, int(edges[inner[best]]), p)
+        return _trend(records, j, fit, effects[-1] / size, errors[-1] / size)
+    return _step(records, j, fit, int(edges[inner[best]]))
 
 
 def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
@@ -295,7 +292,7 @@ def main_input(fit: ProcessFit) -> int:
 
 
 def _trend(
-    records: Sequence[Record], j: int, fit: ProcessFit, effect: Array, error: Array, p: float
+    records: Sequence[Record], j: int, fit: ProcessFit, effect: Array, error: Array
 ) -> Change | None:
     """Gains and lags that change in proportion to time, at both ends of the log."""
     nu, dt, main = len(fit.gain), records[0].dt, main_input(fit)
@@ -311,17 +308,15 @@ def _trend(
         )
         for i, v in enumerate(values)
     ]
-    return _said(records[0], j, parts, np.nan, np.nan, p)
+    return _said(records[0], j, parts, np.nan, np.nan)
 
 
-def _said(
-    r: Record, j: int, parts: Sequence[Part], at: float, error: float, p: float
-) -> Change | None:
+def _said(r: Record, j: int, parts: Sequence[Part], at: float, error: float) -> Change | None:
     clear = tuple(part for part in parts if part.clear)
-    return Change(r.output_names[j], r.name, clear, at, error, p) if clear else None
+    return Change(r.output_names[j], r.name, clear, at, error) if clear else None
 
 
-def _step(records: Sequence[Record], j: int, fit: ProcessFit, row: int, p: float) -> Change | None:
+def _step(records: Sequence[Record], j: int, fit: ProcessFit, row: int) -> Change | None:
     """Gains and lags fitted on either side of a row, and the time between them."""
     starts = np.concatenate([[0], np.cumsum([len(r) for r in records])])
     k = int(np.searchsorted(starts, row, side="right")) - 1
@@ -347,7 +342,7 @@ def _step(records: Sequence[Record], j: int, fit: ProcessFit, row: int, p: float
     one, two = (float(f.lag[main] * r.dt) for f in (before, after))
     error = two / one * np.hypot(before.lag_error[main], after.lag_error[main])
     parts.append(Part(r.input_names[main], False, one, two, float(error)))
-    return _said(r, j, parts, r.t0 + at * r.dt, half * r.dt, p)
+    return _said(r, j, parts, r.t0 + at * r.dt, half * r.dt)
 
 
 ROUNDS, REACH = 4, 3

@@ -103,7 +103,7 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
         if test.law is not None and not test.reference:
             text += (
                 " No set point moves it within the log: gain and time constants of a model may be "
-                "those of the disturbance and the controller."
+                "those of the disturbance and the controller, off by any amount."
             )
             how = "Step the set point, or add a test signal to the input, and record again."
         yield Finding("feedback", Severity.WARNING, text, how, test.output)
@@ -117,7 +117,7 @@ def _response(test: FeedbackTest) -> str:
             f"{test.law.integral_time:.3g} s)"
         )
     if test.reference:
-        return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
+        return f"{test.reference} - {test.column or test.output} ({_chance(test.p_value)})"
     share = f"share {100 * test.share:.2g} %"
     return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
@@ -314,19 +314,27 @@ def check_constancy(
             of = f"A linear model is an average over {c.column[0]}; narmax takes it as an input"
             advice = f"{of if c.parts else 'Give it as an input, too'}: {too}."
         yield Finding("change", Severity.WARNING, text, advice, c.output)
-    changed = {c.output for c in changes}
-    drifting = zip(records[0].outputs, drifts.tolist(), strict=False)
-    drifting_levels = [(c, d) for c, d in drifting if d and c.name not in changed]
-    for channel, drift in drifting_levels:
-        size = f"{drift / channel.scale:.2g} {channel.file_words or channel.unit}".strip()
-        text = (
-            f"The level of {channel.name} drifts by {size} within the log, whatever the inputs do."
-        )
-        advice = "`remove_drift=True` takes it out, so that it biases no gain or time constant."
-        yield Finding("drift", Severity.WARNING, text, advice, channel.name)
-    if tested and not (changes or drifting_levels):
+    drifting = drift_sentences(records[0], changes, drifts)
+    for output, text in drifting.items():
+        yield Finding("drift", Severity.WARNING, text, WITHOUT_DRIFT, output)
+    if tested and not (changes or drifting):
         text = "Gains, time constants and levels are constant."
         yield Finding("change", Severity.OK, text)
+
+
+def drift_sentences(record: Record, changes: Sequence[Change], drifts: Array) -> dict[str, str]:
+    """By output, by how much its level drifts, where nothing else changes."""
+    changed = {c.output for c in changes}
+    said = {}
+    for channel, drift in zip(record.outputs, drifts.tolist(), strict=False):
+        if drift and channel.name not in changed:
+            unit = channel.file_words or channel.unit
+            size = f"{drift / channel.scale:.2g} {unit}".strip()
+            said[channel.name] = (
+                f"The level of {channel.name} drifts by {size} within the log, whatever the inputs "
+                "do."
+            )
+    return said
 
 
 def change_sentence(change: Change, record: Record) -> str:
@@ -364,6 +372,9 @@ def _part(part: Part, u: Channel, y: Channel, rough: bool) -> str:
         amount = f"by {by} % ({numbers})"
     return f"the gain from {u.name} to {y.name} {verb} {amount}"
 
+
+WITHOUT_DRIFT = "`remove_drift=True` takes it out, so that it biases no gain or time constant."
+"""What to do about a level that drifts."""
 
 _ADVICE = {
     True: "One model does not describe both parts: cut the log there (`trim`) and fit each.",

@@ -31,6 +31,7 @@ from sysid.data.checks.control_law import ControlLaw, control_law
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
 from sysid.data.checks.reference import (
     answers_beside_reference,
+    followed_column,
     followed_difference,
     with_reference,
 )
@@ -94,6 +95,8 @@ class FeedbackTest:
             there is none in the log.
         moving: whether the input changes in at least half of the samples, as a response to noisy
             outputs does.
+        column: the unused column, moved by the output, of whose difference to the reference that
+            is; empty where it is the output's own.
         law: the proportional-integral law by which the input follows the output within the sample,
             None where it follows none.
         share: part of the output's innovations that future inputs explain, or part of the input's
@@ -107,6 +110,7 @@ class FeedbackTest:
     reference: str = ""
     moving: bool = True
     law: ControlLaw | None = None
+    column: str = ""
 
     @property
     def seen(self) -> bool:
@@ -155,9 +159,21 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
             ),
         )
         if t.seen
-        else t
+        else _by_column(with_references, i, t)
         for i, t in enumerate(tests)
     )
+
+
+def _by_column(records: Sequence[Record], i: int, test: FeedbackTest) -> FeedbackTest:
+    """The verdict, over an unused column where the loop of an input is closed over one."""
+    for j, name in enumerate(records[0].input_names):
+        reference, column, p, share = followed_column(records, i, j)
+        if column:
+            moving = _moves(records, j)
+            return FeedbackTest(
+                test.output, name, p, share, reference, moving=moving, column=column
+            )
+    return test
 
 
 def _by_law(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from sysid.data.impulse import clipped, correlation, least_squares, regressors
 from sysid.data.record import Array, Record
@@ -35,6 +35,12 @@ COPIED = 1e-6
 
 TIED = 0.01
 """Share of what reference and output explain of the command that their difference may miss."""
+
+SURELY = 1e-6
+"""Level of a response to a column that is not used: several columns may be looked at."""
+
+MOSTLY = 0.5
+"""Share of what a column adds that its difference to the reference explains at least."""
 
 
 def with_reference(records: Sequence[Record]) -> list[Record]:
@@ -104,6 +110,58 @@ def followed_difference(records: Sequence[Record], i: int, j: int, order: int) -
         if by_difference - by_both <= TIED * (without - by_both):
             return name
     return ""
+
+
+def followed_column(records: Sequence[Record], i: int, j: int) -> tuple[str, str, float, float]:
+    """The (reference r, unused column c, p value, share of input j) of a loop closed over c.
+
+    An altitude that a thrust holds is such a column where the climb is the output. Beside the past
+    of u, r and c move u_j, and r − c does so by most of what c adds: a controller's difference,
+    that no plant computes. Past y_i predicts c beside the past of c and u, so that what disturbs
+    the output comes back. The names are empty and p is 1 where there is none.
+    """
+    found = "", "", 1.0, 0.0
+    names = records[0].unused_names
+    kept = [r for r in records if r.unused is not None and r.unused_names == names]
+    if len(kept) < len(records):
+        return found
+    own, now, before = [r.u[:, [j]] for r in kept], range(1), range(1, ANSWER + 1)
+    at_all = range(ANSWER + 1)
+    u, past = _lagged(own, now), _lagged(own, before)
+    of_y = _lagged([r.y[:, [i]] for r in kept], before)
+    of_u = _lagged([r.u for r in kept], at_all)
+    wished = np.split(_lagged([_wished(r) for r in kept], at_all), len(at_all), axis=1)
+    for k, column in enumerate(names):
+        c = _lagged([r.unused[:, [k]] for r in kept if r.unused is not None], at_all)
+        if _more(np.hstack([c[:, 1:], of_u]), of_y, c[:, :1])[0] > SURELY / len(names):
+            continue
+        for m, reference in enumerate(kept[0].reference_names):
+            wish = np.column_stack([x[:, m] for x in wished])
+            p, share = _more(np.hstack([past, wish]), c, u)
+            by_difference, by_reference = (_more(past, x, u)[1] for x in (wish - c, wish))
+            tied = 1.0 - by_difference < (1.0 - by_reference) * (1.0 - MOSTLY * share)
+            if tied and p * len(names) < min(SURELY, found[2]):
+                found = reference, column, p * len(names), share
+    return found
+
+
+def _lagged(parts: Sequence[Array], lags: Sequence[int]) -> Array:
+    """The columns of each record at these lags, lag after lag, about their means."""
+    rows = [np.hstack([x[ANSWER - k : len(x) - k] for k in lags]) for x in parts if len(x) > ANSWER]
+    return np.vstack([x - x.mean(axis=0) for x in rows])
+
+
+def _more(X: Array, more: Array, y: Array) -> tuple[float, float]:
+    """(p-value, share) of what further columns explain of what X leaves of y (N, 1)."""
+    without, left = (
+        float(np.sum(least_squares(columns, y, 1e-10)[1] ** 2))
+        for columns in (X, np.hstack([X, more]))
+    )
+    q, free = more.shape[1], len(y) - X.shape[1] - more.shape[1]
+    if free < X.shape[1] or not left > 0.0:
+        return 1.0, 0.0
+    gained = max(without - left, 0.0)
+    return float(fdtrc(q, free, gained / q / (left / free))), gained / max(without, 1e-300)
 
 
 def _wished(record: Record) -> Array:

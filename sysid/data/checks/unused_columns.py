@@ -71,7 +71,7 @@ def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Ch
         parts = () if level else beside.parts(np.column_stack([products, own]), ends)
         if p < ALARM / len(names) and (parts or level):
             allowed, r = left, records[0]
-            of = r.output_names[j], r.name, parts, np.nan, np.nan, p
+            of = r.output_names[j], r.name, parts, np.nan, np.nan
             change = Change(*of, (name, low, high), level)
     return change
 
@@ -87,7 +87,7 @@ def drift_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Cha
         if explained > most:
             low, high = np.quantile(np.concatenate(column), WITHIN).tolist()
             r, most = records[0], explained
-            of = r.output_names[j], r.name, (), np.nan, np.nan, 0.0
+            of = r.output_names[j], r.name, (), np.nan, np.nan
             change = Change(*of, (r.unused_names[k], low, high), level=True)
     return change
 

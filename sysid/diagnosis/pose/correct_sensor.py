@@ -135,6 +135,6 @@ def _as(selection: Selection, n: SelectedEffect, ids: tuple[str, ...]) -> Select
 
 def _error(pose: PoseDiagnosis, like: PoseDiagnosis) -> float:
     """Error of way and turn that the effects leave on held-out data, over the noise of another."""
-    floors = [c.noise_floor for c in like.whole.channels.values()]
-    errors = [c.rmse_after for c in pose.whole.channels.values()]
+    floors = [c.noise_floor for c in like.gap.channels.values()]
+    errors = [c.rmse_after for c in pose.gap.channels.values()]
     return math.sqrt(sum((e / f) ** 2 for e, f in zip(errors, floors, strict=True) if f > 0.0))

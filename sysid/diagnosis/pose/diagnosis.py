@@ -81,8 +81,7 @@ class PoseDiagnosis:
             0 where a parameter was not free.
         candidates: (effect, score) of every one at the first stage, best first; the score is the
             share of the error of the increments that it takes away.
-        gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
-            the windows that the effects move.
+        gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after.
         detectable: per effect the smallest change of its parameter that these logs would have
             shown; None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
@@ -94,7 +93,6 @@ class PoseDiagnosis:
     std_errors: dict[str, dict[str, Array]]
     candidates: tuple[tuple[str, float], ...]
     gap: Gap
-    whole: Gap
     detectable: dict[str, float | None]
     windows: tuple[int, int]
     residuals: PoseResiduals
@@ -222,7 +220,6 @@ def _pose_diagnosis(
         std_errors=_std_errors(final, beside),
         candidates=ranking,
         gap=pose_gap(pairs, floor),
-        whole=pose_gap(pairs, floor, everywhere=True),
         detectable=_detectable(search, final),
         windows=(sum(map(len, final.errors.estimation)), sum(map(len, final.errors.holdout))),
         residuals=pose_residuals(search, final),

@@ -101,18 +101,15 @@ def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
     return [m >= POSE.touched * most for m in moved]
 
 
-def pose_gap(
-    pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0, *, everywhere: bool = False
-) -> Gap:
-    """Errors beyond the noise on windows that the effects move, in units of the noise.
+def pose_gap(pairs: Sequence[tuple[Array, Array]], floor: Array, seed: int = 0) -> Gap:
+    """Errors beyond the noise, in units of it.
 
     The interval is a bootstrap over groups of windows that overlap.
 
     Args:
         floor: noise of the increments, (3,).
     """
-    at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
-    old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
+    old, new = (np.concatenate([p[i] for p in pairs]) for i in (0, 1))
     each = np.column_stack([np.sum(e**2 - 1.0, axis=1) for e in (old, new)])
     excess = np.add.reduceat(each, np.arange(0, len(each), OVERLAP))
     before, after = (excess.sum(axis=0) / len(old)).tolist()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.diagnosis.policies import POSE
+from sysid.diagnosis.policies import BUDGET, POSE
 from sysid.diagnosis.pose.evidence import apart, evidence_of
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.base import Length
@@ -67,7 +67,7 @@ def _grown_from(search: PoseSearch, instead: str) -> Grown:
     steps: list[Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
     current = base = search.fit(())
-    while sum(s.claimed and bool(s.candidate.id) for s in steps) < POSE.most_effects:
+    while sum(s.claimed and bool(s.candidate.id) for s in steps) < BUDGET.most_effects:
         rivals = [c for c in every_candidate() if allowed(c, search, chosen)]
         fits = [(c, search.fit([*chosen, c], current)) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
@@ -78,7 +78,7 @@ def _grown_from(search: PoseSearch, instead: str) -> Grown:
             rated = [p for p in rated if p[0].id == instead]
         passed = [p for p in rated if _is_acceptable(*p, search, chosen)]
         if not passed:
-            room = POSE.most_effects - len(steps) >= 2  # both of the pair
+            room = BUDGET.most_effects - len(steps) >= 2  # both of the pair
             pair = together(search, current, rated, chosen) if room else None
             if pair is None:
                 break

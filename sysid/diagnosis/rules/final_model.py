@@ -58,19 +58,24 @@ class ParameterEstimate:
 
 
 def against(
-    evidence: Evidence, parameters: Sequence[ParameterEstimate], needed: float = RULE.own_part
+    evidence: Evidence,
+    parameters: Sequence[ParameterEstimate],
+    needed: float = RULE.own_part,
+    tested: bool = True,
 ) -> str:
     """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
         needed: what the held-out error must fall below, as a share of before.
+        tested: whether the held-out samples suffice to test the errors that are left: else chance
+            alone decides.
     """
     if not evidence.delta_bic < RULE.bic:
         return f"its parameters cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
     if not evidence.ratio < needed:
         change = 100.0 * (evidence.ratio - 1.0)
         return f"in the final model it changes the held-out error by {change:+.0f} %"
-    if not (evidence.p_value < RULE.p or _beyond_chance(evidence)):
+    if not (evidence.p_value < RULE.p or (tested and _beyond_chance(evidence))):
         return f"its gain may be chance (p = {evidence.p_value:.2g} among all effects tried)"
     if parameters and not any(n.away for n in parameters):
         return "the 95 % interval of each of its parameters includes the null value"
@@ -86,12 +91,12 @@ def _beyond_chance(evidence: Evidence) -> bool:
     return evidence.delta_bic < RULE.certain_bic and evidence.t > RULE.t
 
 
-def weakest(base: Base, selection: Selection) -> RejectedEffect | None:
-    """The accepted effect to reject first, or None where all hold."""
+def weakest(base: Base, selection: Selection, tested: bool = True) -> RejectedEffect | None:
+    """The accepted effect to reject first, or None where all hold; see ``against``."""
     # one alone must do what a first effect must; beside others each keeps its own part
-    needed = base.search.needed if len(selection.selected) == 1 else RULE.own_part
+    rule = base.search.needed if len(selection.selected) == 1 else RULE.own_part, tested
     objections = [
-        (n, against(final_evidence(base, selection, n), estimates_of(base, selection, n), needed))
+        (n, against(final_evidence(base, selection, n), estimates_of(base, selection, n), *rule))
         for n in selection.selected
     ]
     failed = [(n, reason) for n, reason in objections if reason]

@@ -8,13 +8,19 @@ from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.rules.better_shape import shape_instead
 from sysid.diagnosis.rules.final_model import measured, weakest
 from sysid.diagnosis.rules.outside_catalogue import outside_catalogue
-from sysid.diagnosis.rules.too_few_samples import too_few_samples
 from sysid.diagnosis.rules.unstable_in_loop import unstable_in_loop
 from sysid.diagnosis.search.selection import Selection
 from sysid.diagnosis.session import DiagnosisSession
 
 Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
 """The accepted effect that a rule speaks against, and why; None where it has nothing to say."""
+
+
+def final_model(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """The accepted effect that no longer holds in the final model."""
+    tested = session.residual_structure(selection, after=True) is not None
+    return weakest(session.base, selection, tested)
+
 
 BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType(
     {"unstable-in-loop": unstable_in_loop, "better-shape": shape_instead}
@@ -23,8 +29,7 @@ BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType(
 
 OBJECTIONS: Mapping[str, Objection] = MappingProxyType(
     {
-        "final-model": lambda session, selection: weakest(session.base, selection),
-        "too-few-samples": too_few_samples,
+        "final-model": final_model,
         "outside-catalogue": outside_catalogue,
     }
 )

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.prepared import OVERFLOW, Data
+from sysid.diagnosis.search.prepared import Data
 from sysid.fitting.batched import Damping, descend_together
-
-RUN_AWAY = 1e100
-"""A slope of this size belongs to a run without end; its square is still a number."""
 
 FLAT = 1e-6
 """An item rests when a step gains less than this share of its cost, unless told otherwise."""
@@ -85,7 +83,7 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
         q: (batch, parameters).
         cost: (batch, tracks).
     """
-    cost = np.where(cost < OVERFLOW, cost, np.inf)
+    cost = np.where(cost < ENDLESS, cost, np.inf)
     out = q[int(np.argmin(cost.sum(axis=1)))].copy()
     track = np.array([p.track for p in model.parameters])
     (own,) = np.nonzero(track >= 0)
@@ -202,7 +200,7 @@ class _Trial:
             for i in tracks:
                 weight = fits.data.weight[:, i]
                 S = np.array([weight * change[k][column[s]][:, i] / step[s] for s in parameters])
-                S = np.where(np.abs(S) < RUN_AWAY, S, 0.0)  # of a run without end, NaN included
+                S = np.where(np.abs(S) < ENDLESS, S, 0.0)  # of a run without end, NaN included
                 A[at, :n, :n] += S @ S.T
                 g[at, :n] += S @ np.nan_to_num(weight * (fits.data.y - self.runs[k])[:, i])
         return A, g

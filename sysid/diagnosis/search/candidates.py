@@ -15,7 +15,12 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
 from sysid.diagnosis.search.batched_search import best_tracks, search, slopes
-from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
+from sysid.diagnosis.search.evidence import (
+    Evidence,
+    compare_errors,
+    effective_samples,
+    likelihood,
+)
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.lags import exchanged, lags_of
 from sysid.diagnosis.search.parameter_table import ModelParameter
@@ -74,15 +79,6 @@ class CandidateSearch:
         search.core = (*self.core, *self.model.of(id))
         return search
 
-    def weighted(self, weights: tuple[Sequence[Array], Sequence[Array]]) -> Self:
-        """The same search with other weights of the samples of both parts, (N, tracks) a record."""
-        search = copy(self)
-        search.data, search.holdout_data = (
-            data.weighted(part)
-            for data, part in zip((self.data, self.holdout_data), weights, strict=True)
-        )
-        return search
-
     def base(self, starts: Array) -> CandidateModel:
         """The base fitted from given values of all parameters, (batch, parameters)."""
         q, cost = search(self.model, starts, [self.core] * len(starts), self.data, BUDGET.polish)
@@ -94,7 +90,6 @@ class CandidateSearch:
         q: Array,
         free: Sequence[int],
         touched: NDArray[np.bool_] | None = None,
-        excluded: tuple[str, ...] = (),
     ) -> CandidateModel:
         """A candidate model with its errors on both parts."""
         touched = np.ones(self.model.tracks, dtype=bool) if touched is None else touched
@@ -103,7 +98,7 @@ class CandidateSearch:
         errors = Errors(
             self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
         )
-        return CandidateModel(effects, q, tuple(free), errors, touched, excluded)
+        return CandidateModel(effects, q, tuple(free), errors, touched)
 
     def simulated(self, at: CandidateModel, holdout: bool = False) -> tuple[Array, ...]:
         """Free runs of a candidate model, (N, ny) a record of a part."""
@@ -118,7 +113,7 @@ class CandidateSearch:
         """A candidate model fitted to the end, from other values of all parameters if given."""
         q, free = like.q if q is None else q, like.free if free is None else free
         refit, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
-        return self.evaluate(like.effects, refit[0], free, like.touched, like.excluded)
+        return self.evaluate(like.effects, refit[0], free, like.touched)
 
     def slopes(self, at: CandidateModel, holdout: bool = False) -> tuple[Array, ...]:
         """∂ŷ/∂q over the free parameters of a candidate model, (N, ny, n) a record of a part."""
@@ -174,7 +169,7 @@ class CandidateSearch:
         batch: list[Array] = []
         owners: list[Effect] = []
         for e in effects:
-            if e.id in (*model.effects, *model.excluded) or (self.level and e.hints.level):
+            if e.id in model.effects or (self.level and e.hints.level):
                 continue
             rows = starts_of(self.model, e, model.q, errors, self.data, not self.core)
             batch += rows
@@ -333,11 +328,11 @@ class CandidateSearch:
     def _trimmed(self, before: CandidateModel, e: Effect, q: Array) -> CandidateModel:
         """The effect kept on the tracks that it serves; the others stay as they were."""
         free_on = partial(free_indices, self.model, e, q)
-        effects, excluded = (*before.effects, e.id), before.excluded
+        effects = (*before.effects, e.id)
         free = (*before.free, *free_on(range(self.model.tracks)))
         if self.model.inputs > self.model.tracks:
             q, free = self._at_inputs(before, e, q, free)
-        model = self.evaluate(effects, q, free, excluded=excluded)
+        model = self.evaluate(effects, q, free)
         if e.shared or self.model.tracks == 1:
             return model
         samples = effective_samples(model.errors.estimation)
@@ -358,7 +353,7 @@ class CandidateSearch:
         free = (*before.free, *free_on(np.flatnonzero(served).tolist()))
         if self.model.coupled(out, free):  # what one track loses, the other feels
             return self.fitted(replace(model, touched=served), out, free)
-        return self.evaluate(effects, out, free, served, excluded)
+        return self.evaluate(effects, out, free, served)
 
     def _at_inputs(
         self, before: CandidateModel, e: Effect, q: Array, free: tuple[int, ...]
@@ -397,16 +392,8 @@ class CandidateSearch:
 
     def likelihood(self, before: CandidateModel, after: CandidateModel, samples: Array) -> float:
         """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""
-        (v0, h0), (v1, h1) = before.errors.mean_squares(), after.errors.mean_squares()
-        parts = (before.errors.estimation, before.errors.holdout)
-        n, m = (sum(int(np.isfinite(e).any(axis=1).sum()) for e in part) for part in parts)
-        fell, held_out = (
-            np.log((v0 + 1e-300) / (v1 + 1e-300)),
-            np.log((h0 + 1e-300) / (h1 + 1e-300)),
-        )
-        gain = fell + m / max(n, 1) * held_out
         added = len(after.free) - len(before.free)
-        return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
+        return likelihood(before.errors, after.errors, added, samples)
 
     def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The likeliest of several sets against the base; the first of equals."""
@@ -440,7 +427,7 @@ class CandidateSearch:
         q[removed] = self.origin[removed]
         rest = tuple(i for i in model.effects if i != id)
         every = np.ones(self.model.tracks, dtype=bool)
-        plain = replace(model, effects=rest, touched=every, excluded=())
+        plain = replace(model, effects=rest, touched=every)
         return self.fitted(plain, q, tuple(k for k in model.free if k not in removed))
 
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.samples import smallest_named
-from sysid.diagnosis.search.evidence import effective_samples
+from sysid.diagnosis.search.evidence import effective_samples, needed_power
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.selection import CandidateModel
@@ -26,9 +26,6 @@ from sysid.effects.sensor import MOST_SAMPLED
 
 SIZES = 2.2 ** -np.arange(8.0)
 """Severities tried, in units of the greatest that the bounds allow."""
-
-RUN_AWAY = 1e60
-"""A run that leaves all bounds shows its effect: the square of what it is off stays a number."""
 
 WIDE = 20.0
 """Limits whose bounds are further apart than this factor are tried on a logarithmic scale."""
@@ -114,11 +111,9 @@ def _noise(model: CandidateModel) -> _Noise:
 
 def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
     """‖Δ⊥‖² that the rule asks for on estimation (0) or held-out (1) records."""
-    ratio = 1.0 / below**2 - 1.0
     if part == 1:
-        return ratio * noise.square[1]
-    likelihood = (-RULE.bic + parameters * np.log(noise.effective)) / noise.effective
-    return max(ratio, float(np.expm1(min(likelihood, 50.0)))) * noise.square[0]
+        return (1.0 / below**2 - 1.0) * noise.square[1]
+    return needed_power(parameters, noise.effective, below) * noise.square[0]
 
 
 def _unexplained(
@@ -136,7 +131,7 @@ def _unexplained(
         with np.errstate(over="ignore", invalid="ignore"):
             change = (search.model.run(batch, data) - base) * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
-        flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
+        flat = np.clip(flat, -ENDLESS, ENDLESS)
         if coefficients is None:
             size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
             A = (J / size).T @ (J / size)

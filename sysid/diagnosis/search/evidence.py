@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
 from sysid.data.record import Array, Index
-from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.policies import ENDLESS, RULE
 from sysid.fitting.holdout import Errors
 
 BLOCKS = 24
@@ -100,6 +100,32 @@ def compare_errors(
     return Evidence(delta, t, better, ratio, min(1.0, chance * tried), needed)
 
 
+def likelihood(before: Errors, after: Errors, added: float, samples: Array) -> float:
+    """Penalised likelihood ratio over both parts, in units of BIC; positive is better.
+
+    Args:
+        added: parameters that ``after`` has more.
+        samples: effective number of estimation samples of each output, common to all compared.
+    """
+    (v0, h0), (v1, h1) = before.mean_squares(), after.mean_squares()
+    parts = (before.estimation, before.holdout)
+    n, m = (sum(int(np.isfinite(e).any(axis=1).sum()) for e in part) for part in parts)
+    fell, held_out = (np.log((a + 1e-300) / (b + 1e-300)) for a, b in ((v0, v1), (h0, h1)))
+    gain = fell + m / max(n, 1) * held_out
+    return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
+
+
+def needed_power(parameters: int, samples: float, below: float) -> float:
+    """‖Δ⊥‖²/‖e‖² that the rule of acceptance asks of an effect, V₀/V₁ = 1 + ‖Δ⊥‖²/‖e‖².
+
+    Args:
+        samples: effective number.
+        below: what the held-out error must fall below, as a share of before.
+    """
+    asked = (-RULE.bic + parameters * np.log(samples)) / samples
+    return max(1.0 / below**2 - 1.0, float(np.expm1(min(asked, 50.0))))
+
+
 def difference(best: Errors, other: Errors) -> tuple[float, float]:
     """How two rival models differ: (t of the blocks' squared errors, ratio of RMSE other/best).
 
@@ -147,10 +173,6 @@ def _t(gains: Array) -> float:
     return float(np.mean(gains)) / spread if spread > 0 else 0.0
 
 
-WORST = 1e150
-"""Loss of a block in which a run has no end: its square is still a number."""
-
-
 def _block_gains(
     before: Sequence[Array], after: Sequence[Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -166,8 +188,8 @@ def _block_gains(
             both = _squares(old[rows] - new[rows], starts)
         seen = np.isfinite(a)
         # a run that had no end in a block moved it, and for the worse
-        gained = np.where(np.isfinite(b) & np.isfinite(both), a - b, -WORST)[seen]
-        gains.append(np.maximum(gained, -WORST))
+        gained = np.where(np.isfinite(b) & np.isfinite(both), a - b, -ENDLESS)[seen]
+        gains.append(np.maximum(gained, -ENDLESS))
         moved.append(~(np.sqrt(both) <= RULE.touched)[seen])
     return np.concatenate(gains or [np.zeros(0)]), np.concatenate(moved or [np.zeros(0, bool)])
 

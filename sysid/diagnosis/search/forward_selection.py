@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
+from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
@@ -39,7 +39,7 @@ class ForwardSelection(CandidateSearch):
         required: RequiredRatio | None = None,
         needed: float | None = None,
     ) -> Selection:
-        """Grow one effect at a time in a small beam while the rule accepts, then prune.
+        """Grow one effect at a time while the rule accepts, then prune.
 
         Args:
             required: how far one more effect must bring the held-out error of a model down.
@@ -52,37 +52,16 @@ class ForwardSelection(CandidateSearch):
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
-        others = [j for j in passed[1:] if j.id not in passed[0].model.excluded]
-        beam = passed[:1] + others[: BUDGET.beam - 1]
         least = min(needed or self.needed, RULE.in_loop)  # two at once must do more
-        pair = None if beam else together(self, base, judged, effects, least)
+        start = passed[0].model if passed else together(self, base, judged, effects, least)
         minor = self._minor(judged)
-        if not beam and pair is None:
+        if start is None:
             return Selection(base, base, (), minor, first)
-        start = beam[0].model if beam else pair or base
         best, grown_minor = self._grown(base, start, effects, say, required)
         minor = grown_minor if grown_minor is not None else minor
-        for rival in beam[1:]:
-            # the likeliest first effect may be a stand-in: try the next one where much remains
-            leader_total, rival_total = self.totals(base, (best, rival.model))
-            far_ahead = leader_total > BUDGET.far_ahead * rival_total
-            if far_ahead or _little_left(base, best) or required(best) < self.needed:
-                break
-            say(f"starting from {rival.id} instead", 0.6)
-            other, other_minor = self._grown(base, rival.model, effects, say, required)
-            if self._explains_more(base, other, best):
-                best, minor = other, other_minor if other_minor is not None else minor
         selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
-
-    def _explains_more(
-        self, base: CandidateModel, rival: CandidateModel, best: CandidateModel
-    ) -> bool:
-        """Whether a rival set is the likelier one; of more names it also has to run otherwise."""
-        if len(rival.effects) > len(best.effects) and alike(rival.errors, best.errors):
-            return False
-        return self.best_of(base, (best, rival)) is rival
 
     def _grown(
         self,
@@ -151,23 +130,10 @@ class ForwardSelection(CandidateSearch):
                 -j.score,
             ),
         )
-        ordered = [lead, *(j for j in passed if j is not lead)]
-        return [self._with_excluded(j, passed) for j in ordered[: BUDGET.beam]] + ordered[
-            BUDGET.beam :
-        ]
+        return [lead, *(j for j in passed if j is not lead)]
 
     def _is_acceptable(self, j: ScoredCandidate) -> bool:
         return j.evidence.accepted and self.admissible(j.model)
-
-    def _with_excluded(
-        self, scored: ScoredCandidate, passed: Sequence[ScoredCandidate]
-    ) -> ScoredCandidate:
-        same = tuple(
-            j.id for j in passed if j.id != scored.id and alike(scored.model.errors, j.model.errors)
-        )
-        return replace(
-            scored, model=replace(scored.model, excluded=(*scored.model.excluded, *same))
-        )
 
     def _minor(self, judged: Sequence[ScoredCandidate]) -> tuple[tuple[str, Evidence], ...]:
         return tuple(
@@ -271,9 +237,3 @@ class ForwardSelection(CandidateSearch):
         if anew and self.likelihood(rest, anew[0].model, samples) >= score:
             return anew[0]
         return self.scored(rest, whole, tried, samples)
-
-
-def _little_left(base: CandidateModel, best: CandidateModel) -> bool:
-    """Whether less than a minor share of the gap is left on held-out data, noise included."""
-    (_, first), (_, now) = (n.errors.mean_squares() for n in (base, best))
-    return bool(np.sum(now) < 0.01 * VERDICT.min_share * np.sum(first))

@@ -13,7 +13,7 @@ from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.effects.base import Effect
-from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.catalogue import about
 
 CLEARLY = 10.0
 """Beside the other lag an effect has to explain more by this much, in units of BIC."""
@@ -69,18 +69,16 @@ def beside_either(
 
 
 def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> CandidateModel | None:
-    """A candidate model whose newest effect, a lag, is the other lag that could not be
-    distinguished from it.
+    """A candidate model whose newest effect, a lag, is the other lag that ties with it.
 
     None where the newest effect is no such lag.
     """
-    newest = candidate.effects[-1] if candidate.effects else CHANGED.id
-    name = "" if newest == CHANGED.id else about(newest).hints.exchanges
-    others = [id for id in candidate.excluded if name and id in about(newest).hints.ties]
-    others = [id for id in others if about(id).hints.exchanges]
+    newest, model = candidate.effects[-1], search.model
+    name = about(newest).hints.exchanges
+    offered = {e.id for e in model.effects}.difference(candidate.effects)
+    others = [id for id in about(newest).hints.ties if name and id in offered]
     if not others:
         return None
-    model = search.model
     other, q, moved = others[0], candidate.q.copy(), {}
     for k in model.of(newest):
         if model.parameters[k].name == name:
@@ -90,8 +88,7 @@ def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> Candid
             q[there], q[k] = model.parameters[there].within(q[k]), 0.0
     free = tuple(sorted(moved.get(k, k) for k in candidate.free))
     effects = (*candidate.effects[:-1], other)
-    excluded = tuple(newest if id == other else id for id in candidate.excluded)
-    return search.evaluate(effects, q, free, candidate.touched, excluded)
+    return search.evaluate(effects, q, free, candidate.touched)
 
 
 def swapped(
@@ -116,5 +113,5 @@ def swapped(
         best = search.best_of(base, [model, *fits])
         if best is not model and not alike(best.errors, model.errors):
             order = tuple(best.effects[-1] if e == id else e for e in model.effects)
-            model = replace(best, effects=order, excluded=model.excluded)
+            model = replace(best, effects=order)
     return model

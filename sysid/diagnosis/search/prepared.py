@@ -1,19 +1,16 @@
 """Records as the full model takes them: stacked and aligned; and the log of each."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
+from sysid.diagnosis.policies import ENDLESS
 from sysid.structures.augmented.chain import share_before
 from sysid.structures.augmented.kernel import Signals
-
-OVERFLOW = 1e300
-"""A cost beyond this is infinite: sums of several would overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +25,6 @@ class Data:
         counted: angle integrated from the measurements before each, (M, tracks).
         t: time since the start of the record, or of what a piece was taken from, (M, 1).
         reset: 1 at a record's start, (M,).
-        first: row of the record's start, (M,).
         weight: 0 where a sample does not count, (M, tracks).
         log: which of several logs a row belongs to, from 0, (M, 1).
         lengths: samples of each record.
@@ -41,7 +37,6 @@ class Data:
     counted: Array
     t: Array
     reset: Array
-    first: NDArray[np.int64]
     weight: Array
     log: Array
     lengths: tuple[int, ...]
@@ -56,14 +51,10 @@ class Data:
         return Signals(drive, y, moving, counted, *(a.ravel() for a in rest))
 
     def squared_error(self, runs: Array) -> Array:
-        """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite on overflow."""
+        """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite for no end."""
         with np.errstate(over="ignore", invalid="ignore"):
             sums = np.sum((self.weight * (self.y - runs)) ** 2, axis=-2)
-        return np.where(sums < OVERFLOW, sums, np.inf)
-
-    def weighted(self, weights: Sequence[Array]) -> "Data":
-        """The same records with other weights, (N, tracks) each."""
-        return replace(self, weight=np.concatenate(weights))
+        return np.where(sums < ENDLESS, sums, np.inf)
 
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""
@@ -119,7 +110,6 @@ def prepare(
         stacked(s[1:] + c for s, c in zip(since, counted, strict=True)),
         stacked(s[0] + clock for s, clock in zip(since, t, strict=True)),
         reset,
-        np.repeat(starts, lengths).astype(np.int64),
         stacked([np.ones(r.y.shape) for r in records] if weights is None else weights),
         stacked(np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)),
         lengths,

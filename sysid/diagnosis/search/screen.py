@@ -17,16 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.search.batched_search import slopes
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
 
 RANK = 1e-9
 """Directions of J that are smaller than this share of the largest say nothing."""
-
-
-MOST = 1e100
-"""A run that changes by more has no end; its square is still a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,7 @@ def screened(model: FullModel, q: Array, free: Sequence[int], rows: Array, data:
     signatures = np.empty((len(rows), *run.shape))
     moved = np.zeros((len(rows), len(free)))
     with np.errstate(over="ignore", invalid="ignore"):
-        change = np.nan_to_num(np.array(runs) - run, posinf=0.0, neginf=0.0).clip(-MOST, MOST)
+        change = np.nan_to_num(np.array(runs) - run, posinf=0.0, neginf=0.0).clip(-ENDLESS, ENDLESS)
     for i in range(model.tracks):
         weight = data.weight[:, i]
         error = np.nan_to_num(weight * (data.y[:, i] - run[:, i]))

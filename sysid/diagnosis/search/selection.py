@@ -56,8 +56,6 @@ class CandidateModel:
 
     Attributes:
         q: all parameters, (parameters,).
-        excluded: effects that could not be distinguished from an accepted one, not looked for
-            again.
     """
 
     effects: tuple[str, ...]
@@ -65,7 +63,6 @@ class CandidateModel:
     free: tuple[int, ...]
     errors: Errors
     touched: NDArray[np.bool_]
-    excluded: tuple[str, ...] = ()
 
     @property
     def holdout_rmse(self) -> float:

@@ -10,6 +10,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.motion_equations import Motion, counted_rows, motion_equation
 from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.prepared import Data
 from sysid.diagnosis.search.weight_starts import from_changes
@@ -234,29 +235,20 @@ def _regressed(
     order: int, data: Data, track: int, span: int
 ) -> tuple[float, Array, float, float] | None:
     """Gain, F without its leading 1, c and l of a track; None where it hardly moves."""
-    rows, rights = [], []
-    noise = data.noise[track]
+    noise, moving = data.noise[track], []
     columns = (data.drive[:, track], data.y[:, track], data.weight[:, track])
     for u, y, weight in zip(*(data.split(x) for x in columns), strict=True):
         at = np.arange(max(2 * span, order), len(y) - 1)
-        if len(at) == 0:
-            continue
         moved, goes_on = y[at] - y[at - 2 * span], y[at + 1] - y[at - span]
-        counts = np.min([weight[at - k] for k in range(-1, order)], axis=0) > 0.0
+        counts = counted_rows(weight, at, order)
         at = at[(np.abs(moved) > MOVES * noise) & (goes_on * moved > 0.0) & counts]
-        way = np.sign(y[at] - y[at - 2 * span])
-        past = [y[at - k] for k in range(order)] + [u[at - k] for k in range(order)]
-        rows.append(np.column_stack([*past, way, np.ones(len(at))]))
-        rights.append(y[at + 1])
-    if sum(map(len, rights)) < 10 * (2 * order + 2):
+        moving.append(Motion(y, u, at, (np.sign(y[at] - y[at - 2 * span]), np.ones(len(at)))))
+    equation = motion_equation(moving, order)
+    core = None if equation is None else equation.core
+    if core is None:
         return None
-    theta = np.linalg.lstsq(np.concatenate(rows), np.concatenate(rights), rcond=None)[0]
-    f, last = -theta[:order], theta[2 * order :]
-    size = 1.0 + f.sum()
-    if not size > 1e-9 or np.any(np.abs(np.roots([1.0, *f])) >= 1.0):
-        return None
-    gain = float(theta[order : 2 * order].sum() / size)
-    return gain, f, max(float(-last[0] / size), 0.0), float(-last[1] / size)
+    gain, f, (level, load) = core
+    return gain, f, max(float(-level), 0.0), float(-load)
 
 
 def _from_pile_up(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:

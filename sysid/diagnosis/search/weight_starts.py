@@ -4,11 +4,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.motion_equations import Motion, counted_rows, motion_equation
 from sysid.diagnosis.search.prepared import Data
 from sysid.effects.base import Effect, Wave
-
-LEAST_ROWS = 10
-"""Rows a number of the regression, below which it says nothing."""
 
 
 def from_changes(model: FullModel, e: Effect, wave: Wave, q: Array, data: Data) -> Array | None:
@@ -24,28 +22,21 @@ def from_changes(model: FullModel, e: Effect, wave: Wave, q: Array, data: Data) 
     """
     row, n = q.copy(), model.order
     for i in range(model.tracks):
-        rows, rights = [], []
+        turning = []
         columns = (data.drive, data.y, data.weight, data.counted)
         line = model.parameters[model.index[e.id, wave.line, i]].null
         for d, y, weight, turned in zip(*(data.split(x[:, i]) for x in columns), strict=True):
-            k = np.arange(n - 1, len(y) - 1)
-            if len(k) == 0:
-                continue
-            k = k[np.min([weight[k + 1 - j] for j in range(n + 1)], axis=0) > 0.0]
-            angle = line * (turned[k] + 0.5 * model.dt * y[k])
-            past = [y[k - j] for j in range(n)] + [d[k - j] for j in range(n)]
-            rows.append(np.column_stack([*past, np.cos(angle), np.sin(angle)]))
-            rights.append(y[k + 1])
-        if sum(map(len, rights)) < LEAST_ROWS * (2 * n + 2):
+            at = np.arange(n - 1, len(y) - 1)
+            at = at[counted_rows(weight, at, n)]
+            angle = line * (turned[at] + 0.5 * model.dt * y[at])
+            turning.append(Motion(y, d, at, (np.cos(angle), np.sin(angle))))
+        equation = motion_equation(turning, n)
+        core = None if equation is None else equation.core
+        if core is None:
             return None
-        theta = np.linalg.lstsq(np.concatenate(rows), np.concatenate(rights), rcond=None)[0]
-        f = -theta[:n]
-        size = 1.0 + float(f.sum())
-        if not size > 1e-9 or np.any(np.abs(np.roots([1.0, *f])) >= 1.0):
-            return None
-        model.set_core(row, i, float(theta[n : 2 * n].sum()) / size, f)
-        for name, value in zip((wave.cosine, wave.sine), -theta[2 * n :] / size, strict=True):
-            row[model.index[e.id, name, i]] = model.parameters[model.index[e.id, name, i]].within(
-                float(value)
-            )
+        gain, f, weights = core
+        model.set_core(row, i, gain, f)
+        for name, value in zip((wave.cosine, wave.sine), -weights, strict=True):
+            k = model.index[e.id, name, i]
+            row[k] = model.parameters[k].within(float(value))
     return row

@@ -75,7 +75,7 @@ def later(track: Track) -> Terms | None:
         return f"{channel.name} acts on {track.output.name} {way} of about {seconds:.2g} s", None
 
     moved = track.through(track.gain * np.column_stack(columns))
-    return Terms(moved.T[:, :, None], says, np.zeros(len(ways)))
+    return Terms(moved.T[:, :, None], says)
 
 
 def with_another(track: Track) -> Terms | None:
@@ -92,7 +92,7 @@ def with_another(track: Track) -> Terms | None:
         changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
         return _goes_with(track, i, name, 1.0 + changed, float(fit.coefficients[0])), None
 
-    return Terms(track.through(track.gain * torque).T[:, :, None], says, np.zeros(len(ways)))
+    return Terms(track.through(track.gain * torque).T[:, :, None], says)
 
 
 def _reciprocal(signal: Signal) -> Signal | None:
@@ -139,7 +139,7 @@ def with_unused(track: Track) -> Terms | None:
             words = _goes_with(track, i, called, 1.0 + changed, float(np.sum(fit.coefficients)))
         return f"{words}{too}", None
 
-    return Terms(columns, says, np.zeros(len(ways)), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def _products(track: Track, others: Sequence[Signal]) -> tuple[list[tuple[int, str]], Array]:

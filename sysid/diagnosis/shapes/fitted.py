@@ -6,7 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
+from sysid.diagnosis.search.evidence import (
+    Evidence,
+    compare_errors,
+    effective_samples,
+    likelihood,
+)
 from sysid.diagnosis.shapes.shape import Curve, Shape, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, fit, residual_of
 from sysid.diagnosis.shapes.table import SHAPES
@@ -55,22 +60,11 @@ class FittedShape:
         return self.evidence.accepted
 
     @property
-    def drifts(self) -> bool:
-        """Whether it is a free curve of time, which follows anything slow."""
-        return self.shape.in_time and self._terms.penalty is not None
-
-    @property
     def follows_anything(self) -> bool:
         """Whether it is a free curve that has, with the core, more numbers than the command has
         moves: whatever these do to the output, it can do, too."""
         free = self._terms.penalty is not None
         return free and self.numbers + self.track.own.shape[1] > self.track.moves
-
-    @property
-    def explained(self) -> float:
-        """Held-out squared error that it takes away, mean over the samples."""
-        old, new = (float(e.mean_squares()[1][0]) for e in (self.before, self.after))
-        return old - new
 
     def says(self) -> tuple[str, Curve | None]:
         """The sentence and the curve, with its band."""
@@ -138,7 +132,7 @@ def _on_track(
                 after,
                 evidence,
                 share_of_excess(before, after, floor),
-                _score(plain, after, numbers + beside, samples),
+                likelihood(plain, after, numbers + beside, samples),
                 terms,
                 result,
                 at,
@@ -210,11 +204,3 @@ def share_of_excess(before: Errors, after: Errors, floor: float) -> float:
     old, new = (float(e.mean_squares()[1][0]) for e in (before, after))
     above = old - floor**2
     return float(np.clip((old - new) / above, 0.0, 1.0)) if above > 0.0 else 0.0
-
-
-def _score(before: Errors, after: Errors, numbers: float, samples: Array) -> float:
-    """Penalised likelihood ratio over both parts, in units of BIC."""
-    (v0, h0), (v1, h1) = before.mean_squares(), after.mean_squares()
-    n, m = (sum(int(np.isfinite(e).sum()) for e in p) for p in (before.estimation, before.holdout))
-    gain = np.log((v0 + 1e-300) / (v1 + 1e-300)) + m / n * np.log((h0 + 1e-300) / (h1 + 1e-300))
-    return float(samples[0] * gain[0] - numbers * np.log(samples[0]))

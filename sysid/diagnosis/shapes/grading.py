@@ -3,10 +3,9 @@
 A name is withheld where a shape of another place of the chain, or of time, explains clearly more of
 the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
-shape with as few numbers as a law takes its place. A drift, a free curve of time, withholds only
-names that explain less than four fifths of it. One of more numbers than the command has moves
-follows anything: it is told only where no other shape explains half as much. A column of the log
-that acts comes before time.
+shape with as few numbers as a law takes its place. A drift, a free curve of time, of more numbers
+than the command has moves follows anything: it is told only where no other shape explains half as
+much. A column of the log that acts comes before time.
 """
 
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.policies import SHAPES
+from sysid.diagnosis.policies import RULE, SHAPES
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.evidence import compare_errors, effective_samples
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
@@ -117,7 +116,7 @@ def _is_told(s: FittedShape, shown: float, of_signals: float) -> bool:
     """
     if not s.shape.in_time:
         return True
-    if s.drifts and s.follows_anything:
+    if s.follows_anything:
         return max(shown, of_signals) < SHAPES.of_signals * s.share
     return of_signals < s.share
 
@@ -127,7 +126,7 @@ def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShap
     numbers counted: either may be what happened."""
     found = _found(best)
     drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
-    if drift is None or best.shape.in_time or best.score > SHAPES.clearly_more * drift.score:
+    if drift is None or best.shape.in_time or best.score > RULE.held_out * drift.score:
         return found
     sentence = (
         f"{found.sentence}; or {drift.says()[0]}: {best.track.command.name} moves only "
@@ -198,7 +197,6 @@ def better_shape(
             if s.index == i
             and s.proven
             and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
-            and not (s.drifts and _named(s, selection.final.errors))
         ]
         if not rivals:
             return None
@@ -212,14 +210,7 @@ def better_shape(
     samples = effective_samples(shaped.estimation)
     every = np.ones(len(pairs), dtype=bool)
     evidence = compare_errors(named, shaped, numbers, 1, every, samples)
-    return best if evidence.significant and evidence.ratio < SHAPES.clearly_more else None
-
-
-def _named(drift: FittedShape, errors: Errors) -> bool:
-    """Whether a model with names explains so much of what a drift does that it is none."""
-    named = float(_as_judged(drift, errors).mean_squares()[1][0])
-    before = float(drift.before.mean_squares()[1][0])
-    return before - named >= SHAPES.of_names * drift.explained
+    return best if evidence.significant and evidence.ratio < RULE.held_out else None
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:

@@ -58,7 +58,7 @@ def wave_over_angle(track: Track) -> Terms | None:
         )
         return words, None
 
-    return Terms(columns, says, best)
+    return Terms(columns, says)
 
 
 def wave_over_time(track: Track) -> Terms | None:
@@ -85,7 +85,7 @@ def wave_over_time(track: Track) -> Terms | None:
         )
         return words, None
 
-    return Terms(columns, says, best)
+    return Terms(columns, says)
 
 
 def mode(track: Track) -> Terms | None:
@@ -124,7 +124,7 @@ def mode(track: Track) -> Terms | None:
         )
         return words, None
 
-    return Terms(columns, says, tried[:, 0])
+    return Terms(columns, says)
 
 
 def _swings(track: Track, tried: Array) -> Array:
@@ -149,7 +149,7 @@ def tie(track: Track) -> Terms | None:
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         return f"{track.output.name} depends on the other side's command and speed", None
 
-    return Terms(moved[None], says, np.zeros(1))
+    return Terms(moved[None], says)
 
 
 SHAPES = (

@@ -5,7 +5,6 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
     half_band,
@@ -15,6 +14,7 @@ from sysid.diagnosis.shapes.reading import (
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 PIECES = 16
 WIDTHS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)
@@ -44,7 +44,7 @@ def command_curve(track: Track) -> Terms | None:
         half = half_band(B, fit.covariance, noise)
         return _curve_words(track, x, y), _curve(track, x, y, half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+    return Terms(columns[None], says, bend(columns.shape[1]))
 
 
 def _curve_words(track: Track, x: Array, y: Array) -> str:
@@ -112,7 +112,7 @@ def play(track: Track) -> Terms | None:
         half = NORMAL * noise * np.sqrt(fit.covariance[0, 0]) * np.abs(track.gain * (path - x))
         return words, _curve(track, x, y, half)
 
-    return Terms(columns, says, widths)
+    return Terms(columns, says)
 
 
 def played(d: Array, widths: Array, starts: tuple[int, ...]) -> Array:

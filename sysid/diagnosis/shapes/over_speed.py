@@ -1,13 +1,11 @@
-"""Shapes of the torque and the reading: resistance over speed, springs, a curve of the reading."""
+"""Shapes of the torque and the reading: resistance over speed, a curve of the reading."""
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.shapes.over_command import played
 from sysid.diagnosis.shapes.over_time import constant
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
     half_band,
@@ -25,12 +23,6 @@ STANDS = 0.02
 
 SLIGHT = 0.05
 """A slope below this share of the other end's is none."""
-
-LEAKS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
-"""Seconds over which a spring's angle is forgotten, tried in turn; the last stands for never."""
-
-TURNS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Angles [rad] over which a hysteresis of the angle builds up, tried in turn."""
 
 
 def odd_resistance(track: Track) -> Terms | None:
@@ -88,7 +80,7 @@ def _resistance(track: Track, odd: bool) -> Terms:
         label = axis(track.output, "resistance, lost")
         return words, Curve(axis(track.output), label, x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), S)
+    return Terms(columns[None], says, S)
 
 
 def _bend(bottom: float, top: float) -> str:
@@ -123,62 +115,17 @@ def loss(track: Track) -> Terms | None:
         label = axis(track.output, "loss, as lost")
         return words, Curve(axis(track.output), label, x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), constant(track))
-
-
-def spring(track: Track) -> Terms | None:
-    """−k θ with θ = ∫ω that is forgotten over a scanned time: what has been turned pulls back."""
-    angles = []
-    for leak in LEAKS:
-        kept = np.exp(-track.dt / leak) if leak < LEAKS[-1] else 1.0
-        angles.append(
-            track.filtered(np.array([0.0, track.dt]), np.array([1.0, -kept]), track.speed)
-        )
-    torque = -np.column_stack(angles)
-    columns = track.through(torque).T[:, :, None]
-
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        stiff, error = fit.coefficients[0], noise * np.sqrt(fit.covariance[0, 0])
-        words = f"what has been turned pulls back like a spring ({track.output.name})"
-        if stiff < 0.0:
-            words = f"what has been turned pushes on ({track.output.name} builds up)"
-        if LEAKS[k] < LEAKS[-1]:
-            words += f", forgotten within about {LEAKS[k]:.2g} s"
-        top = float(np.quantile(np.abs(torque[:, k]), 0.98))
-        x = np.linspace(-top, top, 3)
-        y, half = stiff * x, NORMAL * error * np.abs(x)
-        return words, Curve(
-            f"∫ {track.output.name} dt", "pull [as lost output]", x, y, y - half, y + half
-        )
-
-    return Terms(columns, says, np.array(LEAKS))
-
-
-def hysteresis(track: Track) -> Terms | None:
-    """The elastic part of ∫ω behind a play: friction that builds up over an angle, scanned."""
-    angle = track.filtered(np.array([0.0, track.dt]), np.array([1.0, -1.0]), track.speed)[:, 0]
-    widths = np.array(TURNS)
-    stops = (angle[:, None] - played(angle, widths, track.starts)) / widths
-    columns = track.through(-stops).T[:, :, None]
-
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        words = (
-            f"a resistance of {amount(track.output, fit.coefficients[0])} of lost "
-            f"{track.output.name} builds up over {2 * widths[k]:.2g} rad after each reversal"
-        )
-        return words, None
-
-    return Terms(columns, says, widths)
+    return Terms(columns[None], says, bend(columns.shape[1]), constant(track))
 
 
 def lag_by_command(track: Track) -> Terms | None:
-    """(ω − K d)·h(|d|): the time constant is a curve of the command's size."""
+    """(ω − T)·h(|d|): the time constant is a curve of the command's size."""
     size = np.abs(track.drive)
     top = float(np.quantile(size, 0.99))
     if top <= 0.0 or float(np.quantile(size, 0.1)) > 0.9 * top:
         return None
     basis = spline(0.0, top, 4)
-    moved = (track.speed - track.gain * track.drive)[:, None]
+    moved = track.unbalanced[:, None]
     columns = track.through(basis(size) * moved)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
@@ -191,7 +138,7 @@ def lag_by_command(track: Track) -> Terms | None:
         x = in_log(track, x)
         return words, Curve(label, "time constant [% from its mean]", x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+    return Terms(columns[None], says, bend(columns.shape[1]))
 
 
 def reading_curve(track: Track) -> Terms | None:
@@ -215,15 +162,13 @@ def reading_curve(track: Track) -> Terms | None:
         true, read = axis(track.output, "simulated"), axis(track.output, "read")
         return words, Curve(true, read, x, y, y - half, y + half)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+    return Terms(columns[None], says, bend(columns.shape[1]))
 
 
 SHAPES = (
     Shape("resistance-odd", ShapePlace.TORQUE, odd_resistance, of_motion=True, of_speed=True),
     Shape("resistance", ShapePlace.TORQUE, resistance, of_motion=True, of_speed=True),
     Shape("loss-curve", ShapePlace.TORQUE, loss, of_speed=True),
-    Shape("spring", ShapePlace.TORQUE, spring, of_motion=True, of_speed=True),
-    Shape("angle-hysteresis", ShapePlace.TORQUE, hysteresis, of_motion=True, of_speed=True),
     Shape("lag-by-command", ShapePlace.SPEED, lag_by_command, of_speed=True),
     Shape("reading-curve", ShapePlace.READING, reading_curve),
 )

@@ -1,4 +1,4 @@
-"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift, a delay.
+"""Shapes of time: gain, load or the whole plant that steps, gain and load that drift.
 
 The torque of the base is T = K d. Terms: K d·1[t ≥ t₁] (gain), 1[t ≥ t₁] (load), ω·1[t ≥ t₁]
 (time constant, beside gain), and the same times a curve of time.
@@ -10,9 +10,9 @@ from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.reading import (
     GRID,
-    NORMAL,
     amount,
     axis,
+    command_gain,
     half_band,
     own_feedback,
     static_gain,
@@ -21,6 +21,7 @@ from sysid.diagnosis.shapes.reading import (
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 TIMES = 48
 """Times of a change that are tried first; the best is then refined between its neighbours."""
@@ -30,9 +31,6 @@ EDGE = 0.04
 
 PIECES_OF_DRIFT, PIECES_OF_LOAD = 6, 36
 """Pieces of the curve of a gain that drifts, and of a load that wanders."""
-
-DELAYS = (-8.0, -5.0, -3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
-"""Samples by which a delay has grown from the first to the last sample, tried in turn."""
 
 
 def constant(track: Track) -> Array:
@@ -75,6 +73,17 @@ def _when(track: Track, row: int, at: Array) -> str:
     return f"at {value_with_error(float(track.t[row]), spacing)} s"
 
 
+def _said(track: Track, words: str, when: str, curve: Curve) -> tuple[str, Curve | None]:
+    """Words and curve; of a base that does not settle, neither a gain nor its share is known."""
+    if track.settles:
+        return words, curve
+    words = (
+        f"the gain, load or time constant changes {when}; the base does not settle within the log, "
+        "which therefore does not say which of them, or by how much"
+    )
+    return words, None
+
+
 def _by(change: float) -> str:
     """A change of a gain as a share of before; one of its sign is no weaker drive."""
     if change < -1.0:
@@ -87,14 +96,17 @@ def gain_step(track: Track) -> Terms | None:
     at, columns = _stepping(track, (track.gain * track.drive)[:, None], None)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        before = static_gain(track, fit)
+        before = command_gain(track, fit)
         change = fit.coefficients[0] * track.gain / before
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
         cause = "a load engaged, or the supply changed" if change > -1.0 else "another plant"
-        words = f"the gain of the command {_by(change)} {_when(track, at[k], at)} ({cause})"
-        return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
+        when = _when(track, at[k], at)
+        words = f"the gain of the command {_by(change)} {when} ({cause})"
+        label = "gain [% of before]"
+        curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
+        return _said(track, words, when, curve)
 
-    return Terms(columns, says, at.astype(np.float64))
+    return Terms(columns, says)
 
 
 def load_step(track: Track) -> Terms | None:
@@ -110,9 +122,10 @@ def load_step(track: Track) -> Terms | None:
             f"{'is added' if value > 0.0 else 'sets in against it'} {_when(track, at[k], at)}"
         )
         label = axis(track.output, "load, lost steady")
-        return words, _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
+        curve = _step_curve(track, at[k], factor * value, factor * error, label, 0.0)
+        return _said(track, words, _when(track, at[k], at), curve)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def plant_step(track: Track) -> Terms | None:
@@ -128,14 +141,17 @@ def plant_step(track: Track) -> Terms | None:
         change = after / before - 1.0
         old, new = (time_constant(track, a) for a in (own, own + c))
         times = f" and its time constant goes from {old:.3g} to {new:.3g} s" if old and new else ""
+        when = _when(track, at[k], at)
         words = (
-            f"the gain of the command {_by(change)}{times} {_when(track, at[k], at)} "
+            f"the gain of the command {_by(change)}{times} {when} "
             "(a load engaged or let go, or another part)"
         )
         error = noise * np.sqrt(fit.covariance[0, 0]) * abs(track.gain / before)
-        return words, _step_curve(track, at[k], 100.0 * change, 100.0 * error, "gain [% of before]")
+        label = "gain [% of before]"
+        curve = _step_curve(track, at[k], 100.0 * change, 100.0 * error, label)
+        return _said(track, words, when, curve)
 
-    return Terms(columns, says, at.astype(np.float64), None, beside)
+    return Terms(columns, says, None, beside)
 
 
 def gain_drift(track: Track) -> Terms | None:
@@ -149,10 +165,8 @@ def load_drift(track: Track) -> Terms | None:
 
 
 def lag_drift(track: Track) -> Terms | None:
-    """(ω − K d)·h(t): the time constant follows a curve of time."""
-    return _drift(
-        track, track.speed - track.gain * track.drive, PIECES_OF_DRIFT, None, "time constant"
-    )
+    """(ω − T)·h(t): the time constant follows a curve of time."""
+    return _drift(track, track.unbalanced, PIECES_OF_DRIFT, None, "time constant")
 
 
 def _drift(
@@ -176,7 +190,8 @@ def _drift(
             y, half = -factor * y, factor * half
             label = axis(track.output, "load, lost steady")
         elif what == "gain":
-            y, half = 100.0 * y * track.gain / static_gain(track, fit), 100.0 * half
+            share = 100.0 * track.gain / command_gain(track, fit)
+            y, half = share * y, abs(share) * half
             way = _way(y)
             words = f"the gain of the command {way} by {np.ptp(y):.2g} % within {span:.3g} s"
             label = "gain [% from its mean]"
@@ -184,9 +199,10 @@ def _drift(
             y, half = 100.0 * y, 100.0 * half
             words = f"the time constant {_way(y)} by {np.ptp(y):.2g} % within {span:.3g} s"
             label = "time constant [% from its mean]"
-        return words, Curve("time [s]", label, x, y, y - half, y + half)
+        curve = Curve("time [s]", label, x, y, y - half, y + half)
+        return _said(track, words, f"within {span:.3g} s", curve)
 
-    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), beside)
+    return Terms(columns[None], says, bend(columns.shape[1]), beside)
 
 
 def _way(y: Array) -> str:
@@ -194,32 +210,6 @@ def _way(y: Array) -> str:
     if abs(rise) < 0.7 * np.ptp(y):
         return "wanders"
     return "rises" if rise > 0.0 else "falls"
-
-
-def delay_drift(track: Track) -> Terms | None:
-    """K (d(t − D·(t/T − ½)) − d(t)), D scanned, beside what a constant delay does."""
-    index, T = np.arange(len(track.drive)), max(float(np.ptp(track.t)), track.dt)
-    share = (track.t - track.t.min()) / T - 0.5
-    change = track.drive - track.past(track.drive, 1)
-    if np.count_nonzero(change) < 8:
-        return None
-    moved = []
-    for D in DELAYS:
-        late = np.clip(index - D * share, track.first, len(index) - 1)
-        moved.append(np.interp(late, index, track.drive) - track.drive)
-    columns = track.through(track.gain * np.column_stack(moved)).T[:, :, None]
-
-    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        total = 1e3 * DELAYS[k] * fit.coefficients[0] * track.dt
-        words = f"the delay {'grows' if total > 0 else 'falls'} by {abs(total):.2g} ms within "
-        error = abs(total) * NORMAL * noise * np.sqrt(fit.covariance[0, 0])
-        x = np.array([track.t.min(), track.t.max()])
-        y = np.array([0.0, total])
-        half = np.array([0.0, error / max(abs(fit.coefficients[0]), 1e-9)])
-        return f"{words}{T:.3g} s", Curve("time [s]", "delay [ms more]", x, y, y - half, y + half)
-
-    beside = track.through(track.gain * change)
-    return Terms(columns, says, np.array(DELAYS), None, beside)
 
 
 def _step_curve(
@@ -239,5 +229,4 @@ SHAPES = (
     Shape("gain-drift", ShapePlace.TIME, gain_drift),
     Shape("load-drift", ShapePlace.TIME, load_drift),
     Shape("lag-drift", ShapePlace.TIME, lag_drift, of_speed=True),
-    Shape("delay-drift", ShapePlace.TIME, delay_drift),
 )

@@ -5,12 +5,10 @@ import numpy as np
 from sysid.data.record import Array, Channel
 from sysid.diagnosis.shapes.smoother import Fit
 from sysid.diagnosis.shapes.track import Track
+from sysid.fitting.profile import NORMAL
 
 GRID = 80
 """Points of a curve."""
-
-NORMAL = 1.96
-"""Standard deviations of a 95 % band."""
 
 
 def own_feedback(track: Track, fit: Fit) -> float:
@@ -20,10 +18,15 @@ def own_feedback(track: Track, fit: Fit) -> float:
     return float(np.sum(fit.own[first : first + n]))
 
 
+def command_gain(track: Track, fit: Fit) -> float:
+    """What the fit has beside the terms as the torque of one unit of the command, at rest."""
+    n = 0 if track.fixed else len(track.f)
+    return float(track.gain + np.sum(fit.own[:n]))
+
+
 def static_gain(track: Track, fit: Fit) -> float:
     """The static gain K of the base as the fit has it beside the terms."""
-    n = 0 if track.fixed else len(track.f)
-    return float((track.gain + np.sum(fit.own[:n])) / max(1.0 - own_feedback(track, fit), 1e-6))
+    return command_gain(track, fit) / max(1.0 - own_feedback(track, fit), 1e-6)
 
 
 def time_constant(track: Track, feedback: float) -> float:

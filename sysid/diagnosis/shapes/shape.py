@@ -51,8 +51,8 @@ class Terms:
     """The terms of a shape on one track.
 
     Attributes:
-        columns: what they do to the output, one set a value that is scanned, (V, N, k).
-        scanned: the values, (V,); of one value nothing is scanned.
+        columns: what they do to the output, one set a value that is scanned, (V, N, k); of one set
+            nothing is scanned.
         penalty: on the bend of a curve, (k, k); None for plain terms.
         beside: columns that the terms are judged beside and that are not theirs, (N, q).
         says: fit and index of the scanned value → a sentence and the curve; the noise's standard
@@ -61,7 +61,6 @@ class Terms:
 
     columns: Array
     says: "Callable[[Fit, int, float], tuple[str, Curve | None]]"
-    scanned: Array
     penalty: Array | None = None
     beside: Array | None = None
 

@@ -26,6 +26,10 @@ BLOCKS_OF_TIME, LEAST_BLOCK = 60, 8
 A_MOVE = 0.1
 """Share of the command's range that a move of it takes at least."""
 
+SETTLING = 0.3
+"""Share of the longest record within which the slowest part of a core passes, as that of an output
+that does not integrate does."""
+
 SAME = 0.98
 """Columns of this correlation say the same."""
 
@@ -144,6 +148,12 @@ class Track:
         return self._slowest <= 1.0
 
     @cached_property
+    def settles(self) -> bool:
+        """Whether the core's slowest part passes within the log: else it has no gain at rest."""
+        longest = float(np.max(np.diff(self.starts)))
+        return -float(np.log(self._slowest + 1e-300)) * SETTLING * longest > 1.0
+
+    @cached_property
     def _slowest(self) -> float:
         return float(np.max(np.abs(np.roots(np.append(1.0, self.f))), initial=0.0))
 
@@ -160,14 +170,16 @@ class Track:
         return self.through(np.column_stack(columns))
 
     @cached_property
+    def unbalanced(self) -> Array:
+        """ω − T, what makes the speed move by its lag, (N,); a constant load, its mean, is in T:
+        were it left in, a slower lag would shift the level."""
+        rest = self.speed - self.gain * self.drive
+        return np.asarray(rest - rest[self.fitted_in_time].mean() if self.level else rest)
+
+    @cached_property
     def full_speed(self) -> float:
         """Size of the fast measurements."""
         return float(max(np.quantile(np.abs(self.measured), 0.98), 1e-12))
-
-    @property
-    def seconds(self) -> float:
-        """The length of the longest log [s]."""
-        return float(np.max(self.t)) + self.dt
 
 
 def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track, ...]:

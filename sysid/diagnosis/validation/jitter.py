@@ -51,14 +51,8 @@ SURE = 3.0
 MEDIAN = 0.455
 """Median of a squared standard normal number."""
 
-REACH = 2.0
-"""Spreads by which a delay is early or late: one in twenty is by more."""
-
 SHIFTS = np.arange(-FURTHEST, FURTHEST + 0.5 * STEP, STEP)
 """By how much a response is moved [samples]; later is positive."""
-
-Rows = tuple[Array, ...]
-"""A parameter a sample, (N, ny) a record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,14 +84,12 @@ class Jitter:
         spread: standard deviation of the delays [s].
         changes: of the command, from which it is read.
         share: of the error beyond the noise behind these changes that it explains.
-        furthest: that one of them was early or late [s].
     """
 
     output: str
     spread: float
     changes: int
     share: float
-    furthest: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -129,33 +121,10 @@ def detect_jitter(base: Base, candidate: CandidateModel, floor: Array) -> tuple[
         parts = [seen for piece in pieces if (seen := _behind(*piece)) is not None]
         measured = _spread(parts, float(floor[i])) if parts else None
         if measured is not None:
-            spread, share, furthest = measured
+            spread, share = measured
             changes = sum(len(p.power) for p in parts)
-            jitters.append(Jitter(name, spread * dt, changes, share, furthest * dt))
+            jitters.append(Jitter(name, spread * dt, changes, share))
     return tuple(jitters)
-
-
-def rows_without_jitter(base: Base, late: Sequence[Jitter], floor: Array) -> tuple[Rows, Rows]:
-    """Which samples of both parts such delays do not spoil: 1, else 0, (N, ny) a record.
-
-    Within ``REACH`` spreads to either side, and as far as a change was early or late, the
-    model's reading moves by less than the noise. One sample that a large step spoils outweighs all
-    that a dead zone leaves at constant speed.
-    """
-    search = base.search
-    parts = []
-    for data in (search.data, search.holdout_data):
-        runs = data.split(search.model.run(base.model.q, data)[0])
-        rows = [np.ones(run.shape) for run in runs]
-        for u in late:
-            i = base.parts.estimation[0].output_names.index(u.output)
-            reach = int(np.ceil(max(REACH * u.spread, u.furthest) / search.model.dt))
-            for run, kept in zip(runs, rows, strict=True):
-                near = np.pad(run[:, i], reach, mode="edge")
-                around = np.lib.stride_tricks.sliding_window_view(near, 2 * reach + 1)
-                kept[:, i] = np.ptp(around, axis=1) < floor[i]
-        parts.append(tuple(rows))
-    return parts[0], parts[1]
 
 
 def _behind(drive: Array, errors: Array, run: Array) -> Behind | None:
@@ -193,11 +162,9 @@ def _moved(run: Array, at: NDArray[np.intp], end: int) -> Callable[[float], Arra
     return lambda late: np.interp(at - late, t, run[:end])
 
 
-def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float] | None:
-    """Standard deviation [samples] of delays, the share of the errors they are, the largest one.
-
-    None where they are no jitter.
-    """
+def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float] | None:
+    """Standard deviation [samples] of delays and the share of the errors they are; None where they
+    are no jitter."""
     costs = np.concatenate([p.costs for p in parts])
     if len(costs) < MIN_CHANGES:
         return None
@@ -227,9 +194,7 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
     if share < MOST or not rest > (1.0 - MAX_PREDICTED_SHARE) * whole:
         return None
     spread = np.sqrt(max(float(np.sum(apart - floor**2)) / float(np.sum(power)), 0.0))
-    seen = gain > SURE * floor**2
-    furthest = float(np.max(np.abs(delays - about)[seen]))
-    return float(spread), min(share, 1.0), furthest
+    return float(spread), min(share, 1.0)
 
 
 def _least(costs: Array) -> tuple[float, float]:

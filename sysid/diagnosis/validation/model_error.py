@@ -69,13 +69,11 @@ class OutputStructure:
         share: share of the squared error above the floor (without what the model's own parameters
             could follow) that the known terms, the clock apart, predict on blocks not used for
             their coefficients, 0 … 1.
-        strongest: the term that alone explains most, as a formula.
     """
 
     output: str
     p_value: float
     share: float
-    strongest: str
 
 
 @dataclass(frozen=True)
@@ -145,9 +143,7 @@ def error_structure(
         total = sum(len(x) for x in e)
         if total < MIN_SAMPLES:
             continue
-        p, strongest = _trial(
-            e, gradients, Terms(terms.names, tuple(columns), terms.sizes), angle, speed
-        )
+        p = _trial(e, gradients, Terms(terms.names, tuple(columns), terms.sizes), angle, speed)
         if np.isnan(p):
             continue
         basis = orthonormal(np.concatenate(gradients))
@@ -158,7 +154,7 @@ def error_structure(
         signals = [x[:, of_signals] for x in columns]
         gain = _predicted(e, gradients, signals) if p < PROVEN else 0.0
         share = float(np.clip(gain / above, 0.0, 1.0)) if above > 0.0 else 0.0
-        outputs.append(OutputStructure(name, p, share, strongest))
+        outputs.append(OutputStructure(name, p, share))
         unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)
         power += max(above, 0.0) / unit
         predicted += share * max(above, 0.0) / unit
@@ -224,14 +220,14 @@ def _trial(
     terms: Terms,
     angle: Sequence[Array],
     speed: Sequence[Array],
-) -> tuple[float, str]:
-    """(p-value, strongest term) of one output; NaN where the terms are too many for the samples."""
+) -> float:
+    """p-value of one output; NaN where the terms are too many for the samples."""
     ends = np.cumsum([len(x) for x in e])[:-1]
     basis = orthonormal(np.concatenate(gradients))
     y = np.concatenate(e)
     noise = ar_fit(np.split(y - basis @ (basis.T @ y), ends), ORDER)
     if noise.variance <= 1e-24 * max(float(np.max(np.abs(y))) ** 2, 1e-300):
-        return 1.0, ""
+        return 1.0
 
     def white(parts: Sequence[Array]) -> Array:
         skip = noise.order
@@ -243,20 +239,13 @@ def _trial(
     X = white(terms.columns)
     before = np.sum(X**2, axis=0)
     X = X - nuisance @ (nuisance.T @ X)
-    kept = np.flatnonzero(np.sum(X**2, axis=0) > 1e-6 * before)
-    X = X[:, kept]
-    p = f_test(w, X, nuisance.shape[1])
+    p = f_test(w, X[:, np.sum(X**2, axis=0) > 1e-6 * before], nuisance.shape[1])
     kinds = ([np.ones_like(s) for s in speed], speed)
     ripple = ripple_chance(w, noise.alpha, angle, kinds, nuisance)
-    single = (X.T @ w) ** 2 / np.sum(X**2, axis=0)
-    strongest = terms.names[kept[int(np.argmax(single))]] if len(kept) else ""
-    level = level_chance(e, gradients)
-    if level < min(p, ripple):
-        strongest = "1"
-    chance = 3.0 * float(np.nanmin([p, ripple, level]))
+    chance = 3.0 * float(np.nanmin([p, ripple, level_chance(e, gradients)]))
     if np.isnan(p) and chance > PROVEN:
-        return float("nan"), strongest
-    return min(1.0, chance), strongest
+        return float("nan")
+    return min(1.0, chance)
 
 
 def _predicted(e: Sequence[Array], gradients: Sequence[Array], columns: Sequence[Array]) -> float:

@@ -13,11 +13,12 @@ from sysid.estimation.information.experiments import with_mending
 from sysid.estimation.information.subject import subject_of_model
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.fitting.marquardt import Method
+from sysid.fitting.uncertainty import unvisited
 from sysid.structures import motion
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.linear.base import LinearStructure
-from sysid.structures.model import Model, unvisited
+from sysid.structures.model import Model
 
 GOOD_PREDICTION = 80.0
 """One-step fit [%] from which a poor free run deserves a warning."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array, Channel
-from sysid.data.unit_words import bracketed
+from sysid.data.unit_words import bracketed, ratio
 from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
 from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
 from sysid.structures.linear.base import LinearStructure
@@ -369,15 +369,9 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> tuple[float, float]:
 
 def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     """Unit of the gain in the model's units and, where something was converted, in the file's."""
-    gain_unit = _per(y.unit or y.name, u.unit or u.name, integrates)
-    if abs(u.scale) == abs(y.scale) == 1.0:
-        return gain_unit, ""
-    top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
-    return gain_unit, _per(top, bottom, integrates)
-
-
-def _per(top: str, bottom: str, integrates: bool) -> str:
-    """``rpm/V``; a unit that holds a fraction itself gets brackets."""
+    top, bottom = y.unit or y.name, u.unit or u.name
+    of_file = (y.file_words or top, u.file_words or bottom)
     if integrates:
-        top = f"{bracketed(top)}/s"
-    return f"{bracketed(top)}/{bracketed(bottom)}"
+        top, of_file = f"{bracketed(top)}/s", (f"{bracketed(of_file[0])}/s", of_file[1])
+    same = abs(u.scale) == abs(y.scale) == 1.0
+    return ratio(top, bottom), "" if same else ratio(*of_file)

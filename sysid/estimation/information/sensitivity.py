@@ -134,8 +134,6 @@ class Sensitivity:
         rank, count: of the slopes by parameters and initial states; directions without information
             are ``count − rank``.
         null: groups of parameters that take part in these, as {name: part}.
-        t: instants of the first log [s].
-        course: share of each parameter's information that has come in by then, (N, n).
     """
 
     parameters: tuple[ShownParameter, ...]
@@ -143,8 +141,6 @@ class Sensitivity:
     count: int
     condition: float
     null: tuple[dict[str, float], ...]
-    t: Array
-    course: Array
 
     @property
     def doubtful(self) -> tuple[str, ...]:
@@ -226,15 +222,12 @@ def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
             )
         )
     count = n + sum(D.shape[2] - n for D in slopes)
-    total = np.maximum(power[0].sum(axis=0), 1e-300)
     return Sensitivity(
         tuple(parameters),
         count - found.null.shape[1],
         count,
         found.condition,
         hidden(names, found.null),
-        records[0].t,
-        np.cumsum(power[0], axis=0) / total,
     )
 
 

@@ -9,6 +9,7 @@ from sysid.data.checks.delay import Delay
 from sysid.data.checks.nonlinearity import NONLINEAR, TRACE, NonlinearityTest
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
+from sysid.data.unit_words import ratio
 from sysid.errors import DataError
 from sysid.estimation.look.distortion import Distortions, distortions
 from sysid.estimation.look.frequency import FrequencyEstimate, frequency_response
@@ -30,7 +31,7 @@ class Path:
     """What one input does to one output.
 
     Attributes:
-        gain, gain_error: of the response to a step, at its end.
+        gain, gain_error: of the response to a step, at its end, in ``unit``.
         rise_s: until 63 % of it are reached, the delay included [s]; NaN where nothing is clear.
         settles: whether the response ends within the coefficients.
         delay: in samples, with its interval; None where the log is too short for it.
@@ -45,6 +46,7 @@ class Path:
     settles: bool
     delay: Delay | None
     trusted_hz: float
+    unit: str
 
     @property
     def seen(self) -> bool:
@@ -157,15 +159,17 @@ def _path(
     tail = step[-max(len(step) // 10, 2) :]
     settles = bool(np.ptp(tail) < max(SETTLED * abs(gain), 2.0 * uncertain))
     clear = abs(gain) > 2.0 * uncertain
+    u, y = r.inputs[j], r.outputs[i]
     reached = np.flatnonzero(step * np.sign(gain) >= (1.0 - np.exp(-1.0)) * abs(gain))
     rise = float(reached[0]) * found.dt if clear and len(reached) else float("nan")
     return Path(
-        r.input_names[j],
-        r.output_names[i],
+        u.name,
+        y.name,
         gain,
         uncertain,
         rise,
         settles,
         delay,
         frequency.trusted_up_to(i, j) / (2.0 * np.pi),
+        ratio(y.unit or y.name, u.unit or u.name),
     )

@@ -11,7 +11,8 @@ from sysid.estimation.assessment.delta_method import Estimate
 from sysid.estimation.assessment.step_response import StepResponse
 from sysid.estimation.online.dead_zone import DeadZone
 from sysid.estimation.online.excitation import Excitation
-from sysid.structures.model import Model, unvisited
+from sysid.fitting.uncertainty import unvisited
+from sysid.structures.model import Model
 
 SETTLED = 0.05
 """A number has settled when its standard error is below this share of it."""

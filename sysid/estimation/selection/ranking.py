@@ -21,6 +21,11 @@ IN_LOOP = (
     "biased in favour of models without noise model (oe)."
 )
 
+DRIFTED = (
+    "Judged one step ahead, because a drift was taken out: in free run a model that follows what "
+    "is left of it by slow modes of its own would err least."
+)
+
 FOLLOWS = 1.5
 """A model whose free run over all data errs by more than so many times the best one's does not
 lead: its search saw a good fit that the fit to all data did not find again."""
@@ -86,7 +91,7 @@ def ranked_entries(
     settles and whose search has ended is taken before others. Models that cannot lead come last:
     those whose free run is unbounded, and those whose fit to all data follows them much worse than
     another one does. ``one_step``: held-out samples were judged one step ahead, as data of a closed
-    loop have to be.
+    loop, or with what is left of a drift, have to be.
     """
     counted = [np.ones(len(r), dtype=bool) for r in records]
     follows = [
@@ -174,14 +179,17 @@ def free_parameters(model: Model) -> int:
     return sum(p.fixed is None for p in model.parameters) + model.operating_point.estimated
 
 
-def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
+def reason(
+    order: StructureRanking, criterion: str, words: str, ahead: str = IN_LOOP, *, given: bool
+) -> str:
     """One sentence on why the first entry is first.
 
     Args:
         words: the held-out data, as a sentence names them.
+        ahead: why these are judged one step ahead, where they are.
         given: whether the user gave the orders.
     """
-    sentence = _ahead(order, criterion, words, given=given)
+    sentence = _ahead(order, criterion, words, ahead, given=given)
     if order.passed is not None:
         return (
             f"{sentence} {_called(order.passed)} would lead, but "
@@ -200,7 +208,7 @@ def _called(entry: Entry) -> str:
     return f"{s.name} {orders_text(s.order_values())}".rstrip()
 
 
-def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
+def _ahead(order: StructureRanking, criterion: str, words: str, ahead: str, *, given: bool) -> str:
     first = order.entries[0]
     text = _called(first)
     unsearched = any(e.error is None for e in order.entries)
@@ -219,12 +227,12 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
     )
     if len(order.entries) == 1:
         return f"{text} was chosen by {criterion} on {words}: {_share(first)} {how}."
-    loop = f" {IN_LOOP}" if order.one_step else ""
+    judged = f" {ahead}" if order.one_step else ""
     if len(order.tied) > 1:
         tied = ", ".join(f"{e.model.structure.name} {_share(e)}" for e in order.tied)
         return (
             f"{text} leads: fewest parameters ({_size(first)}) among models tied on held-out data "
-            f"({tied} {how}; errors within {100.0 * order.margin:.2g} %).{loop}"
+            f"({tied} {how}; errors within {100.0 * order.margin:.2g} %).{judged}"
         )
     second = order.entries[1]
     sentence = (
@@ -232,8 +240,8 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
         f"{second.model.structure.name} with {_share(second)}"
     )
     if second in order.sound:
-        return f"{sentence}.{loop}"
-    return f"{sentence}, but over all estimation data it errs much more {how}.{loop}"
+        return f"{sentence}.{judged}"
+    return f"{sentence}, but over all estimation data it errs much more {how}.{judged}"
 
 
 def _share(entry: Entry) -> str:

@@ -22,7 +22,14 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
+from sysid.estimation.selection.ranking import (
+    DRIFTED,
+    IN_LOOP,
+    Entry,
+    common_criteria,
+    ranked_entries,
+    reason,
+)
 from sysid.estimation.two_stage import STAGES
 from sysid.fitting.holdout import hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -110,7 +117,7 @@ def select_structure(
     offsets, (nk, notes) = _offsets_and_delay(facts, detrend, search=not whole)
     if searched and facts.outliers.words:
         notes = (*notes, OUTLIERS.format(facts.outliers.words))
-    ahead = closed and _may_be_judged_one_step(names, options)
+    ahead = (closed or _drift_taken_out(records)) and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     still = searched and not cut.excited and table.criterion(criterion).of_free_run
     criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
@@ -143,7 +150,7 @@ def select_structure(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
     said = all(structure_class(n).orders_said(options.structure_options or {}) for n in names)
-    why = reason(order, criterion, cut.words, given=whole or said)
+    why = reason(order, criterion, cut.words, IN_LOOP if closed else DRIFTED, given=whole or said)
     return StructureSelection(order.entries, why + STILL_WORDS.format(cut.words) * still, failed)
 
 
@@ -199,8 +206,13 @@ def _by_structure(
     return dict.fromkeys(names, grid)
 
 
+def _drift_taken_out(records: Sequence[Record]) -> bool:
+    """Whether outputs were freed of a slow drift, something of which is always left."""
+    return any("remove_drift" in d.fields for r in records for d in r.read_as)
+
+
 def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
-    """Whether held-out samples are judged one step ahead where a controller was running.
+    """Whether held-out samples are judged one step ahead in a loop and beside a drift.
 
     Only among linear structures: of nonlinear ones those without noise model would never lead, and
     what they are asked for is a simulator. So they are where simulation is the focus asked for.

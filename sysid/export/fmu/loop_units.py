@@ -9,13 +9,13 @@ from sysid.errors import ModelError
 from sysid.export.c.fields import places
 from sysid.export.c.loop.block import Block
 from sysid.export.c.loop.laws import numbers
-from sysid.export.c.loop.laws_of_mission import ESTIMATE, flat, scene_numbers
+from sysid.export.c.loop.laws_of_mission import ESTIMATE, SIDES, flat, scene_numbers
 from sysid.export.c.loop.members import described
 from sysid.export.c.loop.sources import law_sources
 from sysid.export.c.loop.trees import identifier
 from sysid.export.c.precision import DOUBLE
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
-from sysid.export.fmu.wiring import SIDES, Wiring, wiring_of
+from sysid.export.fmu.wiring import Wiring, wiring_of
 from sysid.export.templates import fill
 from sysid.robot.mission.contracts import TurnsTracks
 from sysid.robot.mission.loop import Loop

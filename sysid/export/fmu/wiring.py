@@ -4,12 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from sysid.data.record import PWM_FULL_SCALE, Channel
+from sysid.export.c.loop.laws_of_mission import SIDES
 from sysid.export.fmu.replay import channel_names
 from sysid.robot.mission.tracks.robot_plant import RobotPlant
 from sysid.runners.trace.writing import number
 from sysid.structures.plant import Plant
-
-SIDES = ("l", "r")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from math import atan
 
 import numpy as np
 
-from sysid.data.column_words import meaning
+from sysid.data.column_words import left_and_right, meaning
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 from sysid.robot.calibration.dynamic_estimate import DynamicFit, Powered
@@ -79,11 +79,10 @@ def fit_weighed(
 
 def _commands(record: Record) -> tuple[Array, str]:
     """Commands or currents of the left and of the right side, (N, 2), and their unit."""
-    sides = [meaning(c.name).side for c in record.inputs]
-    at = [sides.index(s) if sides.count(s) == 1 else -1 for s in ("left", "right")]
-    if min(at) < 0 and record.nu == 2 and not any(sides):
-        at = [0, 1]
-    if min(at) < 0:
+    at = left_and_right(record.input_names)
+    if at is None and record.nu == 2 and not any(meaning(n).side for n in record.input_names):
+        at = (0, 1)
+    if at is None:
         has = ", ".join(record.input_names) or "no input"
         raise DataError(
             f"{record.name} has no commands of both motors (it has {has}). Motion dynamic needs "

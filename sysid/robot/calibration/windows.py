@@ -6,7 +6,6 @@ body frame at the window's start an increment is (forward [m], lateral [m], turn
 measured heading serves for that frame. Speeds run linearly between samples.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.column_words import left_and_right
 from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.effects.ground import Ground
@@ -241,16 +241,9 @@ def track_channels(record: Record) -> tuple[int, int] | None:
     """Outputs of the left and of the right track: by name, else the only two in order."""
     if any(c.unit not in ("rad/s", "") for c in record.outputs):
         return None
-    sides = []
-    for words in (("l", "left"), ("r", "right")):
-        hits = [
-            i
-            for i, name in enumerate(record.output_names)
-            if set(re.findall(r"[a-z]+", name.lower())) & set(words)
-        ]
-        sides.append(hits[0] if len(hits) == 1 else -1)
-    if min(sides) >= 0:
-        return sides[0], sides[1]
+    named = left_and_right(record.output_names)
+    if named is not None:
+        return named
     return (0, 1) if record.ny == 2 and record.is_robot_log else None
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.data.column_words import SIDES, SUPPLIES, words
+from sysid.data.column_words import SUPPLIES, meaning, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
@@ -128,7 +128,7 @@ def _column(table: Table, name: str, units: Mapping[str, str]) -> _Column | None
             return None
     if not quantity:
         return None
-    side = next((SIDES[w] for w in said if w in SIDES), "")
+    side = meaning(name).side
     supply = bool(SUPPLIES & said) or any(w.startswith(("batter", "akku")) for w in said)
     supply = supply or base.lower() in ("vbat", "vbatt", "ibat", "ibatt")
     return _Column(name, quantity, side, bool(_MOTOR & said) or bool(side), supply)

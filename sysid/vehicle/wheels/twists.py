@@ -7,7 +7,7 @@ the wheels would have, of wheels by the velocity at their contacts. What is left
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 
@@ -50,13 +50,14 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
 
     The velocity of a wheel's axis must lie between its directions at both limits, forward or
     backward: two inequalities for each way, so that for each choice of ways the twists are a cone.
-    The nearest one of a cone is a projection on some of its faces; in three dimensions these are
-    few enough to try all.
+    The nearest one of {y: G y ≥ 0} is w + Gᵀλ with min |w + Gᵀλ| over λ ≥ 0 (Moreau 1962).
 
     Args:
         z: wanted, (3,), in the space.
         basis: of the space, orthonormal, (3, d).
     """
+    from scipy.optimize import nnls
+
     limited = [w for w in wheels if w.angle_limits and np.ptp(w.angle_limits) < math.pi]
     if not limited:
         return z
@@ -68,11 +69,9 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
     wanted = basis.T @ z
     best, error = np.zeros(basis.shape[1]), float(np.linalg.norm(wanted))
     for walls in _cones(limited, basis, scale):
-        for projection in _projections(wanted, walls):
-            away = float(np.linalg.norm(projection - wanted))
-            inside = (walls @ projection >= -_EDGE * (1.0 + error)).all()
-            if inside and away < error - ROUNDING:
-                best, error = projection, away
+        push = walls.T @ nnls(walls.T, -wanted)[0]
+        if float(np.linalg.norm(push)) < error - ROUNDING:
+            best, error = wanted + push, float(np.linalg.norm(push))
     nearest: Array = basis @ best
     return nearest
 
@@ -86,15 +85,6 @@ def _cones(wheels: Sequence[Wheel], basis: Array, scale: Scale) -> Iterator[Arra
         pairs.append(np.array([[1.0], [-1.0]]) * between @ scale.matrix @ basis)
     for signs in product((1.0, -1.0), repeat=len(pairs)):
         yield np.vstack([sign * pair for sign, pair in zip(signs, pairs, strict=True)])
-
-
-def _projections(wanted: Array, walls: Array) -> Iterator[Array]:
-    """The wanted point on every face of a cone that is more than its tip."""
-    yield wanted
-    for count in range(1, len(wanted)):
-        for chosen in combinations(range(len(walls)), count):
-            face = walls[list(chosen)]
-            yield wanted - np.linalg.pinv(face) @ (face @ wanted)
 
 
 @dataclass(frozen=True)

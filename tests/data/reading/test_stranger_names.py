@@ -30,6 +30,7 @@ from sysid.errors import SysidError, UsageError
         ("t PWM_Left PWM_Right SpeedLeft SpeedRight", "PWM_Left PWM_Right > SpeedLeft SpeedRight"),
         ("t motorL motorR v_left v_right", "motorL motorR > v_left v_right"),
         ("t duty_l duty_r vel_l vel_r vbat", "duty_l duty_r > vel_l vel_r"),
+        ("t motor_volt speed soc", "motor_volt > speed"),
         (
             "t cmd_left cmd_right speed_ref_left speed_ref_right speed_left speed_right",
             "cmd_left cmd_right > speed_left speed_right",

@@ -35,7 +35,7 @@ def test_a_robot_that_turns_half_as_far_as_its_wheels_say_is_read_right() -> Non
     assert named.id == "track-width"
     assert named.parameters[0].value == pytest.approx(0.5, abs=0.01)
     # windows from one spin to the next see less of it than 2 s times half the spin
-    assert found.whole.channels["psi"].rmse_before > 0.8 * np.sqrt(np.mean(spins**2))
+    assert found.gap.channels["psi"].rmse_before > 0.8 * np.sqrt(np.mean(spins**2))
 
 
 def _wrapped(record: Record) -> Array:
@@ -81,7 +81,7 @@ def test_measured_robots_are_named_by_their_effective_width(file: str, geometry:
     ratios = {e.id: e.parameters[0].value for e in found.effects}
     # 1.6 to 2 times as wide as measured with a ruler
     assert 1.6 < 1.0 / ratios["track-width"] < 2.0
-    gaps = found.whole.channels
+    gaps = found.gap.channels
     assert gaps["psi"].rmse_after < 0.4 * gaps["psi"].rmse_before
     before, after = (
         np.hypot(*(getattr(gaps[c], when) for c in "xy")) for when in ("rmse_before", "rmse_after")

@@ -149,10 +149,9 @@ def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> No
     assert "dead-zone" in dict(kept.minor)
 
 
-def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for_more(
+def test_beside_a_name_less_asks_for_more(
     base: Base,
 ) -> None:
-    """Readings without a sign look noisy; what hides in that noise was never looked for."""
     noise = noise_of(base)
     study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
     rng, errors = np.random.default_rng(2), base.model.errors
@@ -162,8 +161,6 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
         node = replace(base.model, effects=effects, errors=replace(errors, holdout=white))
         return Selection(base.model, node, (), (), ())
 
-    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.refuting
-    assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
     between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
     assert study.remains(of(between, ("dead-zone",))) == RULE.in_loop

@@ -11,7 +11,9 @@ from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.shapes.fitted import fitted_shapes
 from sysid.diagnosis.shapes.grading import FoundShape
-from sysid.diagnosis.shapes.track import tracks_of
+from sysid.diagnosis.shapes.over_time import gain_step, lag_drift
+from sysid.diagnosis.shapes.smoother import Fit
+from sysid.diagnosis.shapes.track import Track, tracks_of
 from sysid.effects.catalogue import chain_effects
 
 DT, SUBSTEPS, SECONDS, NOISE, AT = 0.05, 10, 70.0, 0.08, 41.0
@@ -88,6 +90,51 @@ def test_no_shape_is_fitted_through_a_core_that_runs_away() -> None:
     q[base.search.model.index["core", "f1", 0]] = -1.3
     (track,) = tracks_of(base.search, replace(base.model, q=q))
     assert fitted_shapes([track], np.array([NOISE]), moves=True) == ()
+
+
+def test_a_lag_that_drifts_leaves_the_level_where_it_is() -> None:
+    """A load is no part of what moves the speed: at 60 % of humidity a slower lag was a drift."""
+    track = replace(_track(), level=True)
+    low, high = lag_drift(track), lag_drift(replace(track, speed=track.speed + 60.0))
+    assert low is not None
+    assert high is not None
+    np.testing.assert_allclose(high.columns, low.columns, atol=1e-9)
+
+
+def test_a_change_of_gain_is_a_share_of_the_torque() -> None:
+    """A speed that feeds back divides the gain at rest before and after the change alike."""
+    track = _track()
+    own = np.zeros(track.own.shape[1])
+    own[1] = 0.8  # beside one lag of the command: four fifths of the speed's own torque
+    zero = np.zeros(len(track.drive))
+    change = Fit(own, np.array([-0.27]), np.array([[1e-6]]), 1.0, zero, zero, 0.0)
+    terms = gain_step(track)
+    assert terms is not None
+    words, curve = terms.says(change, 0, 1.0)
+    assert "falls by 27 %" in words
+    assert curve is not None
+    assert curve.y[-1] == pytest.approx(73.0)
+
+
+def test_of_a_base_that_does_not_settle_no_share_of_a_gain_is_said() -> None:
+    track = _track()
+    slow = replace(track, f=np.array([-np.exp(-1.0 / len(track.drive))]))
+    assert track.settles
+    assert not slow.settles
+    terms = gain_step(slow)
+    assert terms is not None
+    own, zero = np.zeros(slow.own.shape[1]), np.zeros(len(slow.drive))
+    change = Fit(own, np.array([-0.27]), np.array([[1e-6]]), 1.0, zero, zero, 0.0)
+    words, curve = terms.says(change, 0, 1.0)
+    assert "does not settle" in words
+    assert "%" not in words
+    assert curve is None
+
+
+def _track() -> Track:
+    base = fit_baseline([log(lambda t, d, a, m: (d, 1.0, 0.0))], None, chain_effects())
+    (track,) = tracks_of(base.search, base.model)
+    return track
 
 
 def _found(record: Record) -> tuple[FoundShape, ...]:

@@ -33,8 +33,8 @@ def steps(kind: str, tau: float = 4.0, spread: float = 0.8) -> tuple[Array, Arra
     return np.repeat(levels, HOLD), errors, run(at)
 
 
-def told(drive: Array, errors: Array, run: Array) -> tuple[float, float, float] | None:
-    """Spread [samples], share and largest delay that are said."""
+def told(drive: Array, errors: Array, run: Array) -> tuple[float, float] | None:
+    """Spread [samples] and share that are said."""
     found = _behind(drive, errors, run)
     return None if found is None else _spread([found], NOISE)
 
@@ -46,7 +46,6 @@ def test_the_spread_of_delays_is_told(tau: float, spread: float) -> None:
     assert found is not None
     assert found[0] == pytest.approx(spread, rel=0.2)  # of 120 draws within three errors
     assert found[1] > 0.8  # the line between two samples is no response
-    assert 2.0 * spread < found[2] <= DELAY + spread
 
 
 @pytest.mark.parametrize("tau", [0.3, 4.0])

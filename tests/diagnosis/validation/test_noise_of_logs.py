@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from sysid.data.facts import LogFacts
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.samples import inspect_samples
 from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.validation.noise import between_repeats, floor_of
 from sysid.diagnosis.verdict import Remaining
 
 DT, TAU, GAIN = 0.02, 0.15, 24.0
@@ -59,29 +58,6 @@ def test_noise_is_never_nothing() -> None:
     study = studied(two_level(0.0))
     assert study.floor[0] > 0.0
     assert study.noise.low[0] > 0.0
-
-
-def test_what_comes_again_with_the_command_is_no_noise() -> None:
-    rng = np.random.default_rng(2)
-    u = np.tile(np.repeat(rng.uniform(-1.0, 1.0, 30), 8), 6)
-    missed = np.tile(rng.standard_normal(240), 6)  # of the same size in every period
-    error = (missed + 0.2 * rng.standard_normal(1440))[:, None]
-    record = Record(u, error, DT)
-    assert between_repeats([record], [error], 0.7)[0] == pytest.approx(0.2, rel=0.15)
-    assert floor_of([record], [error], 0.7).value[0] == pytest.approx(0.2, rel=0.15)
-    alone: Array = rng.uniform(-1.0, 1.0, 1440)
-    assert np.isinf(between_repeats([Record(alone, error, DT)], [error], 0.7)[0])
-
-
-def test_noise_as_small_as_the_steps_of_the_sensor_is_not_lost_where_commands_recur() -> None:
-    """Half of the differences between two rounded measurements are then zero: not the noise."""
-    record, noise, step = two_level(0.0, hold=10), 0.06, 0.1
-    rng, levels = np.random.default_rng(3), record.y
-    y = step * np.round((levels + noise * rng.standard_normal(levels.shape)) / step)
-    rounded = Record(record.u, y, DT, record.inputs, record.outputs)
-    found = between_repeats([rounded], [y - levels], np.exp(-DT / TAU))
-    # rounding adds step²/12; a few hundred pairs know it to a tenth
-    assert found[0] == pytest.approx(np.hypot(noise, step / np.sqrt(12.0)), rel=0.15)
 
 
 def test_errors_are_loud_only_beyond_what_the_noise_may_be() -> None:

@@ -74,6 +74,7 @@ def test_a_robot_passes_through_unchanged() -> None:
         (("pwm_r", "pwm_l"), ("omega_r", "omega_l")),
         (("right_pwm", "left_pwm"), ("speedRight", "speedLeft")),
         (("uR", "uL"), ("y_R", "y_L")),
+        (("pwm_rechts", "pwm_links"), ("omega_re", "omega_li")),  # as logs are read by
     ],
 )
 def test_tracks_are_found_by_name_in_any_order(

@@ -11,8 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from sysid.robot.mission.contracts import Pose
 from sysid.robot.mission.navigation.dead_reckoning import compass_heading
 from sysid.robot.mission.navigation.process import States, is_angle, matrix, over_ground
+from sysid.robot.mission.sensors.visual_odometry import motion_between
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 
 LOST_AFTER = 1.5
@@ -207,9 +209,8 @@ class Group:
             elapsed: time since then [s].
         """
         if self.names == VO and self.adds_up:
-            dx, dy = z[0] - last[0], z[1] - last[1]
-            c, s = xp.cos(last[2]), xp.sin(last[2])
-            return xp.array([c * dx + s * dy, c * dy - s * dx, wrap_angle(z[2] - last[2])])
+            before, now = (Pose(pose[0], pose[1], pose[2]) for pose in (last, z))
+            return xp.array(motion_between(before, now, xp))
         if self.adds_up:
             return z + xp.where(elapsed > 0, 0.0, xp.nan)
         if "acc_x" in self.names:  # the mean over one interval, which is not known after a loss

@@ -1,10 +1,9 @@
 """Which inputs and outputs of a plant are the left and the right track."""
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sysid.data.record import Channel
+from sysid.data.column_words import left_and_right
 from sysid.robot.mission.contracts import SteppablePlant
 
 
@@ -31,8 +30,8 @@ class Wiring:
 
 def wirings(plant: SteppablePlant) -> Iterator[Wiring]:
     """The ways to wire the plant, the most natural first."""
-    driven, read = _sides(plant.inputs), _sides(plant.outputs)
-    if min(*driven, *read) >= 0:
+    driven, read = (left_and_right([c.name for c in s]) for s in (plant.inputs, plant.outputs))
+    if driven is not None and read is not None:
         yield Wiring(False, driven, read, named=True)
         return
     nu, ny = len(plant.inputs), len(plant.outputs)
@@ -41,17 +40,3 @@ def wirings(plant: SteppablePlant) -> Iterator[Wiring]:
     for i in range(nu):
         for j in range(ny):
             yield Wiring(True, (i, i), (j, j))
-
-
-def _sides(channels: Sequence[Channel]) -> tuple[int, int]:
-    """Index of the one channel whose name says left and of the one that says right; -1: none."""
-
-    def only(*sides: str) -> int:
-        hits = [
-            i
-            for i, channel in enumerate(channels)
-            if any(w.lower() in sides for w in re.findall(r"[A-Z]?[a-z]+|[A-Z]", channel.name))
-        ]
-        return hits[0] if len(hits) == 1 else -1
-
-    return only("l", "left"), only("r", "right")
