@@ -177,7 +177,8 @@ class _Assembly:
             isolability=isolability_of(base),
         )
         nothing = remaining.structure is None and not selection.effects
-        if not nothing or not (poor or verdict in ("unexplained", "shape-found")):
+        unsaid = poor or told.startswith(TOO_SHORT) or verdict in ("unexplained", "shape-found")
+        if not nothing or not unsaid:
             return diagnosis
         # so few samples show no more than that the log is too short
         sentence = too_short(remaining)

@@ -230,14 +230,7 @@ def _baseline(
                 delay = servo_delay(estimation, parts.facts.noise, delay)
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
-        words = f"output error of order {order} with {_late(delay)}"
-        words += "".join(
-            f", {d} more from {c.name}"
-            for c, d in zip(first.inputs, later, strict=bool(later))
-            if d
-        )
-        words += " and an offset" if level else ""
-        words += f", the sum of {first.nu} inputs" * (first.nu > first.ny)
+        words = f"output error of order {order} with {_process_words(first, delay, later, level)}"
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     effects = _with_logs(_possible(effects, first), parts, level)
     if order == 1:  # a numerator of a higher order holds it
@@ -264,6 +257,14 @@ def _baseline(
     if not np.isfinite(candidate.holdout_rmse):
         raise ModelError("the baseline cannot be simulated on this log; run sysid inspect")
     return Base(parts, search, candidate, words, in_loop, on_rate)
+
+
+def _process_words(first: Record, delay: int, later: Sequence[int], level: bool) -> str:
+    """Delays, offset and inputs of a baseline that is no robot's."""
+    pairs = zip(first.inputs, later, strict=bool(later))
+    more = "".join(f", {d} more from {c.name}" for c, d in pairs if d)
+    offset = " and an offset" if level else ""
+    return _late(delay) + more + offset + f", the sum of {first.nu} inputs" * (first.nu > first.ny)
 
 
 def given_base(

@@ -26,7 +26,7 @@ def outcome(
     closed: float = 95.0,
 ) -> Any:
     base = SimpleNamespace(
-        search=SimpleNamespace(model=SimpleNamespace(order=order, effects=())),
+        search=SimpleNamespace(model=SimpleNamespace(order=order, effects=()), level=True),
         parts=SimpleNamespace(estimation=(LOG,)),
     )
     study = SimpleNamespace(
