@@ -156,7 +156,6 @@ def test_every_command_says_what_reading_did_to_the_numbers(
     stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
-    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
     joined = (log.name, "--join", camera.name)
     inspected = run(capsys, "inspect", *joined, "--json").document["findings"]
     codes = ("join", "reading")  # what the reader did, not what checks of the signals found
