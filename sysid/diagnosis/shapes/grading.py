@@ -3,9 +3,9 @@
 A name is withheld where a shape of another place of the chain, or of time, explains clearly more of
 the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
-shape with as few numbers as a law takes its place. A drift, a free curve of time, of more numbers
-than the command has moves follows anything: it is told only where no other shape explains half as
-much. A column of the log that acts comes before time.
+shape with as few numbers as a law takes its place. A drift is a free curve of time; one of more
+numbers than the command has moves follows anything, and is told only where no other shape explains
+half as much. A column of the log that acts comes before time.
 """
 
 from collections.abc import Sequence
