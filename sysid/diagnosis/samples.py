@@ -140,7 +140,8 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
             seconds = refresh.period * records[0].dt
             stale.append(Stale(name, refresh.period, seconds, phase, refresh.repeated))
         for holds in (False, True) if refresh is None else ():
-            asked = partial(_bursts, i=i, step=step, holds=holds, late=partial(_latest, facts, name))
+            late = partial(_latest, facts, name)
+            asked = partial(_bursts, i=i, step=step, holds=holds, late=late)
             sure = np.concatenate([asked(r, strict=True) for r in records])
             if _count(sure) < max(MIN_BURSTS, MIN_BURST_SHARE * total):
                 continue
