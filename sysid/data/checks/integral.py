@@ -5,7 +5,8 @@ and with blocks at an end stop left out,
 
     y(t₂) − y(t₁) = bᵀ ū + b₋ᵀ ū₋ + rᵀ s̄ + r₋ᵀ s̄₋ − ȳ / τ + c,    s = sign u,
 
-where r is what dry friction takes: in a loop it would look like a pull of the level.
+where r is what dry friction takes of an input of both signs: in a loop it would look like a pull of
+the level.
 Unused columns that act on the output, such as the weather, stand beside u: their level hides the
 pull of its own. An output integrates where its inputs explain its changes and its level does not
 pull it back: 1/τ is not above zero beyond chance, and τ is longer than what the log can show.
@@ -98,7 +99,8 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     every = max(1, sum(map(len, records)) // BLOCKS)
     y = np.concatenate([r.y[:, j] for r in records])
     low, width = float(y.min()), float(np.ptp(y))
-    means = np.concatenate([r.u for r in records]).mean(axis=0)
+    u = np.concatenate([r.u for r in records])
+    means, both = u.mean(axis=0), (u.min(axis=0) < 0.0) & (u.max(axis=0) > 0.0)
     nu = records[0].nu
     acting = acting_columns(records, j, every)
     rows, changes, ends = [], [], []
@@ -107,7 +109,7 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         if n < 4:
             continue
         of_u = block_means(r.u[: n * every] - means, every)
-        of_way = block_means(np.sign(r.u[: n * every]), every)
+        of_way = block_means(np.sign(r.u[: n * every]) * both, every)
         level = block_means(r.y[: n * every], every)[:, j]
         step = np.diff(r.y[: n * every + 1 : every, j])
         columns = np.empty((len(r), 0)) if r.unused is None else r.unused[:, acting]
