@@ -190,7 +190,7 @@ def test_what_is_not_determined_is_said_of_a_stored_model_too() -> None:
     said = step_responses(undetermined(model_of(two_lags())))
     stored = checked(tuple[StepResponse, ...], parsed(text([by_field(r) for r in said])))
     assert stored[0].gain.std_error == np.inf
-    assert step_sentences(stored) == ("u → y: not determined by these data.",)
+    assert step_sentences(stored) == ("volt → speed: not determined by these data.",)
 
 
 def test_three_time_constants_are_a_list() -> None:
