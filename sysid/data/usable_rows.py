@@ -23,7 +23,7 @@ from sysid.data.reading.clock import doubled_rows
 from sysid.data.reading.columns import Choice, whole_name
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.released import NONE, may_release, released_rows
-from sysid.data.reading.row_times import ColumnReader, numbered_clock
+from sysid.data.reading.row_times import numbered_clock
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import TimeColumn
 from sysid.data.reading.timing import SHORT_GAP, Place, set_back
@@ -188,18 +188,16 @@ def _rate(stream: Timed) -> str:
 
 def _released(table: Table, choice: Choice, given: str | None) -> tuple[Mask, tuple[Finding, ...]]:
     """Rows in which the drive is off."""
-    read = ColumnReader(table)
     if given is not None and given != NONE:
         given = whole_name(given, table.names, "`enable`", table.where)
     names = may_release(choice.ignored, given, choice.inputs)
-    columns = {n: c for n in names if (c := read(n)) is not None}
+    columns = {n: c for n in names if (c := table.read(n)) is not None}
     return released_rows(columns, given, len(table), table.where)
 
 
 def _references(table: Table, choice: Choice) -> dict[str, Array]:
     """The unused columns that are set points, in the file's units, (N,)."""
-    read = ColumnReader(table)
-    columns = {n: read(n) for n in choice.ignored if is_set_point(n)}
+    columns = {n: table.read(n) for n in choice.ignored if is_set_point(n)}
     return {n: c for n, c in columns.items() if c is not None}
 
 
