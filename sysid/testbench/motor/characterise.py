@@ -92,7 +92,7 @@ class MotorBench:
 
     Attributes:
         gear: turns of the motor for one of the output shaft.
-        routes: every value from one experiment, with its standard error.
+        routes: every value from one experiment.
         one_at_a_time: names and covariance of the first value of each constant from one experiment.
         joint: all experiments at once.
         tied: whether Kc is Kem, because no torque was measured.
@@ -102,7 +102,7 @@ class MotorBench:
     tests: tuple[SteadyTest, ...]
     drives: tuple[DriveLog, ...]
     gear: float
-    routes: tuple[tuple[Route, float], ...]
+    routes: tuple[Route, ...]
     one_at_a_time: tuple[tuple[str, ...], Array]
     joint: JointFit
     tied: bool
@@ -143,10 +143,7 @@ class MotorBench:
                 "gear": self.gear,
                 "parameters": self.parameters,
                 "correlations": {"names": self.names, "matrix": correlations(self.covariance)},
-                "one_at_a_time": [
-                    {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
-                    for r, e in self.routes
-                ],
+                "one_at_a_time": self.routes,
                 "joint": self.joint,
                 "notes": self.notes,
             }
@@ -158,7 +155,7 @@ class MotorBench:
 
     @cached_property
     def _of_routes(self) -> dict[str, float]:
-        return values_of([r for r, _ in self.routes])
+        return values_of(self.routes)
 
     @cached_property
     def _values(self) -> dict[str, float]:
@@ -209,7 +206,7 @@ class MotorBench:
             return "set equal to Kem, because no torque was measured"
         if value is None:
             return WHY_UNDETERMINED.get(name, "not identifiable from these files")
-        how = {r.name: r.how for r, _ in reversed(self.routes)}
+        how = {r.name: r.how for r in reversed(self.routes)}
         if self.method == "separate" and name in how:
             return how[name]
         return "all experiments at once" if how or len(self.drives) > 1 else "the drive"
@@ -230,30 +227,28 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     known = {k: v for k, v in read.known.items() if k != "gear"}
     require_experiments(read.tests, read.drives, known)
     tests, said = _sided(read.tests, known, gear)
-    from_tables = routes(tests, known, gear)
-    require_plausible(values_of(from_tables))
-    if "R" in values_of(from_tables):
-        require_currents(tests, values_of(from_tables)["R"])
-    tied = "Kc" not in values_of(from_tables)
+    values = values_of(routes(tests, known, gear))
+    require_plausible(values)
+    if "R" in values:
+        require_currents(tests, values["R"])
+    tied = "Kc" not in values
     if tied:
         said.append(
             "No torque was measured, so Kc is set equal to Kem, as in a motor without losses. "
             "Voltage, current and speed determine f, C0 and J only relative to Kc; a stall or "
             "external-load experiment determines Kc."
         )
-    joint, remarks = fit_all(tests, read.drives, known, values_of(from_tables), gear, tied)
+    joint, remarks = fit_all(tests, read.drives, known, values, gear, tied)
     require_plausible(vars(joint.constants))
-    errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
-    notes = [*read.notes, *notes, *said, *remarks, *contradictions(from_tables, errors)]
+    found, names, covariance = propagated(tests, known, gear, joint.sigma)
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found)]
     notes += [*misfits(joint, tests), *weakly_identified(joint), *_against_print(tests)]
     method = given.method
     if method == "auto":
         method = "joint" if read.drives else "separate"
-    with_errors = tuple(zip(from_tables, errors, strict=True))
     return MotorBench(
-        tests, read.drives, gear, with_errors, (names, covariance), joint, tied, method,
-        tuple(notes),
-    )  # fmt: skip
+        tests, read.drives, gear, found, (names, covariance), joint, tied, method, tuple(notes)
+    )
 
 
 def _against_print(tests: Sequence[SteadyTest]) -> list[str]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError, SysidError
-from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.runner import FAILED, BatchRunner
 from sysid.robot.mission.batch.sampler import Numbers, Samples
 from sysid.robot.mission.batch.setup import Setup
@@ -89,19 +88,17 @@ class VariedRuns(BatchRunner):
 
     figures: ClassVar[Callable[..., Any]] = Figures
 
-    def of(
-        self, samples: Samples, seen: Callable[[Block, tuple[Any, Any]], None] | None = None
-    ) -> Figures:
-        """Run samples to their ends.
-
-        Args:
-            samples: at most ``batch_size`` runs.
-            seen: takes each block with its verdicts (BLOCK, batch_size) and X, Y [m], ψ [rad],
-                (BLOCK, 3, batch_size).
-        """
-        seeds = [self.setup.noise_seed(s) for s in samples.seeds]
-        figures: Figures = self.run(samples.numbers, seeds, seen)
+    def of(self, samples: Samples) -> Figures:
+        """Run samples, at most ``batch_size`` of them, to their ends."""
+        figures: Figures = self.run(samples.numbers, self._noise_seeds(samples))[0]
         return figures
+
+    def paths(self, samples: Samples) -> tuple[Figures, Array, Array]:
+        """Run them, and keep the instants, (T,) [s], and X, Y [m], ψ [rad], (T, 3, runs)."""
+        return self.run(samples.numbers, self._noise_seeds(samples), recorded=True)
+
+    def _noise_seeds(self, samples: Samples) -> list[int]:
+        return [self.setup.noise_seed(s) for s in samples.seeds]
 
     @property
     def example(self) -> Numbers:
@@ -131,8 +128,8 @@ class VariedRuns(BatchRunner):
         farthest = jax_module().numpy.maximum(before.max_deviation_m, seen.max_deviation_m)
         return seen._replace(max_deviation_m=farthest)
 
-    def shown(self, figures: Figures, row: Any) -> tuple[Any, Any]:
-        return figures.verdict, jax_module().numpy.stack([figures.x, figures.y, figures.psi])
+    def shown(self, figures: Figures, row: Any) -> Any:
+        return jax_module().numpy.stack([figures.x, figures.y, figures.psi])
 
 
 def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
