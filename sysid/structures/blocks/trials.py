@@ -228,18 +228,18 @@ class Trial:
         return replace(trial, label=trial.structure.words)
 
 
-def best_start(
+def ends(
     structure: BlockStructure,
     starts: Iterable[Mapping[str, float]],
     data: ChainData,
     effort: Effort,
-) -> Trial | None:
-    """The best end of descents from values by name; None without any."""
+) -> list[Trial]:
+    """Where descents from values by name end, the best first."""
     trials = [
         Trial(structure, by_names(structure, s, data), structure.words).descended(data, effort)
         for s in starts
     ]
-    return min(trials, key=lambda trial: trial.cost, default=None)
+    return sorted(trials, key=lambda trial: trial.cost)
 
 
 def preferred(tried: Sequence[Trial], data: ChainData) -> Trial:
