@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 from sysid.data.record import Record
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
-from sysid.structures.blocks.linear_approximation import linear_models
+from sysid.structures.blocks.linear_approximation import linear_model
 from sysid.structures.blocks.sign_recovery import signed_starts
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
-from sysid.structures.blocks.trials import ChainData, Effort, Trial, ends, preferred
+from sysid.structures.blocks.trials import ChainData, Effort, Trial, best_start, preferred
 from sysid.structures.orders import Orders, spread
 
 CHOICE_SAMPLES = 5_000
@@ -62,14 +62,14 @@ def _at_orders(structure: HammersteinWiener, data: ChainData) -> Iterator[Trial]
     inputs, outputs = structure.statics
     if any(_is_signless(s) for s in outputs):
         yield from _signless(structure.orders, (inputs, outputs), data)
-    yield _around(linear_models(structure.orders, data, FULL)[0], (inputs, outputs), data, FULL)
+    yield _around(linear_model(structure.orders, data, FULL), (inputs, outputs), data, FULL)
     low = replace(
         structure.orders,
         nb=tuple(tuple(min(n, 1) for n in row) for row in structure.orders.nb),
         nf=tuple(tuple(min(n, 1) for n in row) for row in structure.orders.nf),
     )
     if low != structure.orders:
-        small = _around(linear_models(low, data, FULL)[0], (inputs, outputs), data, FULL)
+        small = _around(linear_model(low, data, FULL), (inputs, outputs), data, FULL)
         yield small.with_orders((structure.orders,), data, FULL)
 
 
@@ -87,7 +87,8 @@ def _signless(orders: Orders, statics: Pair, data: ChainData) -> Iterator[Trial]
     first = tuple(plain if _is_signless(s) else IDENTITY for s in outputs)
     base = HammersteinWiener((orders,), ((IDENTITY,) * len(inputs), first))
     starts = signed_starts(data.records, orders, data.kept, first)
-    for start in ends(base, starts, data, FULL)[:1]:
+    start = best_start(base, starts, data, FULL)
+    if start is not None:
         yield start if statics == base.statics else start.with_statics(statics, data, FULL)
 
 
@@ -110,7 +111,7 @@ class _Choice:
     def trials(self) -> Iterator[Trial]:
         """Orders with piecewise-linear statics first, then other kinds at the best orders."""
         orders = [o for o in self._orders() if self._bears(o)] or [self.structure.orders]
-        linear = [linear_models(o, self.data, FULL)[0] for o in orders]
+        linear = [linear_model(o, self.data, FULL) for o in orders]
         seen: list[Trial] = []
         before: dict[Pair, Trial] = {}
         for base in linear:

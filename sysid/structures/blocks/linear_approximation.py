@@ -15,7 +15,7 @@ from sysid.data.record import Array, Record
 from sysid.fitting.problem import Focus
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.functions import IDENTITY
-from sysid.structures.blocks.trials import ChainData, Effort, Trial, ends
+from sysid.structures.blocks.trials import ChainData, Effort, Trial, best_start
 from sysid.structures.linear.families import OE
 from sysid.structures.linear.starts import starts_of
 from sysid.structures.orders import Orders, spread
@@ -46,12 +46,14 @@ def linear_starts(records: Sequence[Record], orders: Orders) -> list[tuple[str, 
     ]
 
 
-def linear_models(orders: Orders, data: ChainData, effort: Effort) -> list[Trial]:
-    """Where descents from all these starts end, the best first: chains of identities."""
+def linear_model(orders: Orders, data: ChainData, effort: Effort) -> Trial:
+    """The best end of descents from all these starts: a chain of identities."""
     first = data.records[0]
     structure = HammersteinWiener((orders,), ((IDENTITY,) * first.nu, (IDENTITY,) * first.ny))
     starts = [values for _, values in linear_starts(data.records, orders)]
-    return ends(structure, starts, data, effort)
+    best = best_start(structure, starts, data, effort)
+    assert best is not None  # ARX always gives a start
+    return best
 
 
 def input_denominators(records: Sequence[Record], orders: Sequence[int]) -> list[list[Array]]:
@@ -61,12 +63,9 @@ def input_denominators(records: Sequence[Record], orders: Sequence[int]) -> list
         orders: order of each input's denominator.
     """
     nu, ny = len(orders), records[0].ny
-    sizes: dict[str, Any] = {
-        "nb": [[n + 1 for n in orders]] * ny,
-        "nf": [list(orders)] * ny,
-        "nk": 0,
-    }
-    layout = spread(sizes, "bf", nu, ny, OE.name)
-    best = linear_models(layout, ChainData.of(records), POLES)[0]
+    numerators = [n + 1 for n in orders]
+    raw: dict[str, Any] = {"nb": [numerators] * ny, "nf": [list(orders)] * ny, "nk": 0}
+    layout = spread(raw, "bf", nu, ny, OE.name)
+    best = linear_model(layout, ChainData.of(records), POLES)
     denominators = best.chain.denominators(best.theta)
     return [denominators[j::nu] for j in range(nu)]

@@ -228,18 +228,18 @@ class Trial:
         return replace(trial, label=trial.structure.words)
 
 
-def ends(
+def best_start(
     structure: BlockStructure,
     starts: Iterable[Mapping[str, float]],
     data: ChainData,
     effort: Effort,
-) -> list[Trial]:
-    """Where descents from values by name end, the best first."""
+) -> Trial | None:
+    """The best end of descents from values by name; None without any."""
     trials = [
         Trial(structure, by_names(structure, s, data), structure.words).descended(data, effort)
         for s in starts
     ]
-    return sorted(trials, key=lambda trial: trial.cost)
+    return min(trials, key=lambda trial: trial.cost, default=None)
 
 
 def preferred(tried: Sequence[Trial], data: ChainData) -> Trial:
