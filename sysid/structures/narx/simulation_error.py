@@ -19,10 +19,10 @@ from sysid.fitting.batched import Damping, descend_together
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.run_errors import output_scales
 from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
-from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import replaced
 from sysid.structures.difference_equations.regressors import columns
 from sysid.structures.difference_equations.signals import OneOutput, Signal
+from sysid.structures.narx.compiled import WeightedChunks, compiled_runs
 from sysid.structures.narx.run import Maps, NarxRun
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import (
