@@ -21,9 +21,8 @@ from sysid.diagnosis.search.evidence import (
     effective_samples,
     likelihood,
 )
-from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.full_model import FullModel, ModelParameter
 from sysid.diagnosis.search.lags import exchanged, lags_of
-from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, logs_of, prepare
 from sysid.diagnosis.search.refinement import between_levels, edges_of, refined
 from sysid.diagnosis.search.screen import screened

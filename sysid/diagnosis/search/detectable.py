@@ -19,7 +19,7 @@ from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples, needed_power
 from sysid.diagnosis.search.forward_selection import ForwardSelection
-from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
+from sysid.diagnosis.search.full_model import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.sensor import MOST_SAMPLED
