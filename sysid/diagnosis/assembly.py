@@ -209,7 +209,7 @@ class _Assembly:
         """What remains in its errors."""
         after = self.session.before
         if self.selection.selected:
-            after = self.session.residual_structure(self.selection, after=True)
+            after = self.session.residual_structure(self.selection.final)
         names = self.session.base.parts.holdout[0].output_names
         return Remaining(after, self.gap, leading(self.regions, names))
 

@@ -19,7 +19,7 @@ from sysid.diagnosis.rules.final_model import (
 )
 from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.selection import Interval, Selection
+from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
@@ -156,10 +156,9 @@ def test_beside_a_name_less_asks_for_more(
     study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
     rng, errors = np.random.default_rng(2), base.model.errors
 
-    def of(size: float, effects: tuple[str, ...]) -> Selection:
+    def of(size: float, effects: tuple[str, ...]) -> CandidateModel:
         white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.holdout)
-        node = replace(base.model, effects=effects, errors=replace(errors, holdout=white))
-        return Selection(base.model, node, (), (), ())
+        return replace(base.model, effects=effects, errors=replace(errors, holdout=white))
 
     between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
