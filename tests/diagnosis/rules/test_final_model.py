@@ -189,21 +189,19 @@ def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("delta_bic", "gain", "remains", "words"),
+    ("ratio", "remains", "words"),
     [
         (
-            -9.0,
             0.5,
             "partly explained",
             "Without it the held-out error is 2 times as large; partly",
         ),
-        (-9.0, 0.75, "", "Without it the held-out error is 4 times as large."),
-        (0.0, 0.0, "", ""),
+        (0.25, "", "Without it the held-out error is 4 times as large."),
+        (None, "", ""),  # read off the samples
     ],
 )
-def test_an_entry_gives_the_error_without_it(
-    delta_bic: float, gain: float, remains: str, words: str
-) -> None:
-    entry = NamedEffect("x", "motor", (), (), delta_bic, 0.0, gain, (), "", remains)
+def test_an_entry_gives_the_error_without_it(ratio: float | None, remains: str, words: str) -> None:
+    evidence = None if ratio is None else Evidence(-9.0, 9.0, 1.0, ratio, 0.0)
+    entry = NamedEffect("x", "motor", (), (), evidence, (), "", remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)
