@@ -144,7 +144,7 @@ def _searched(
         result = or_on_first_order(result, facts, holdout_facts, say)
     say("validation", 0.52)
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
-    diagnosis = assemble(result, model, pose_diagnosis, searched.judged)
+    diagnosis = assemble(result, model, pose_diagnosis, searched)
     if pose_diagnosis is not None and diagnosis.several.logs:
         corrected, corrected_holdout = correct_sensor(result.session.base, result.selection)
         every = (
