@@ -187,7 +187,8 @@ class DiagnosisSession:
         by_name = {o.output: o.share for o in left.outputs}
         names = self.base.parts.holdout[0].output_names
         shapes = [s for s in self.shapes(candidate) if not self.running_away[s.index]]
-        return proven(shapes, [by_name.get(name, 0.0) for name in names])
+        of_signals = [by_name.get(name, 0.0) for name in names]
+        return proven(shapes, of_signals, self.base.parts.facts.drifts.tolist())
 
     @cached_property
     def running_away(self) -> NDArray[np.bool_]:

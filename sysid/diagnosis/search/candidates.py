@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
-from sysid.diagnosis.policies import BUDGET, RULE
+from sysid.diagnosis.policies import BUDGET, ENDLESS, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
 from sysid.diagnosis.search.batched_search import best_tracks, search, slopes
 from sysid.diagnosis.search.evidence import (
@@ -120,8 +120,10 @@ class CandidateSearch:
         return data.split(slopes(self.model, at.q, at.free, data))
 
     def _errors(self, q: Array, data: Data) -> tuple[Array, ...]:
-        run = self.model.run(q, data)[0]
-        return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
+        """Errors of a run, NaN where a sample does not count, infinite where it has no end."""
+        errors = data.y - self.model.run(q, data)[0]
+        errors = np.where(np.abs(errors) < ENDLESS, errors, np.inf)
+        return data.split(np.where(data.weight > 0.0, errors, np.nan))
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
         """Parameters with the held-out logs' own values: the phase of a wave, gains and loads."""

@@ -83,18 +83,22 @@ def shapes_around(
     return fitted_shapes(tracks_of(search, candidate), floor, moves)
 
 
-def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[FoundShape, ...]:
+def proven(
+    fitted: Sequence[FittedShape], of_signals: Sequence[float], drifts: Sequence[float]
+) -> tuple[FoundShape, ...]:
     """The best proven shape of each track; of equals the one with fewest numbers.
 
     Args:
         of_signals: share of each track's excess error that commands and outputs predict, (tracks,).
             What these predict as well is none of time.
+        drifts: of each output, 0 where the level does not drift; what the inputs do is no part of
+            these, so that a curve of the level need not stand back.
     """
     found = []
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
         shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
-        told = [s for s in passed if _is_told(s, shown, of_signals[i])]
+        told = [s for s in passed if _is_told(s, shown, of_signals[i], drifts[i] > 0.0)]
         near = [s for s in told if s.score > told[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers, default=None)
         if best is not None and best.shape.in_time:
@@ -106,15 +110,18 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
     return tuple(found)
 
 
-def _is_told(s: FittedShape, shown: float, of_signals: float) -> bool:
+def _is_told(s: FittedShape, shown: float, of_signals: float, drifts: bool) -> bool:
     """Whether a proven shape may be told first; of those of time what nothing else explains.
 
     Args:
         shown: share of the excess error that the best shape of the machine itself explains.
         of_signals: the same of commands and outputs together.
+        drifts: whether the level of the output drifts, whatever the inputs do.
     """
     if not s.shape.in_time:
         return True
+    if drifts and s.shape.of_level:
+        return max(shown, of_signals) < s.share
     if s.follows_anything:
         return max(shown, of_signals) < SHAPES.of_signals * s.share
     return of_signals < s.share
