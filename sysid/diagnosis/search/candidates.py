@@ -23,7 +23,6 @@ from sysid.diagnosis.search.evidence import (
 )
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.lags import exchanged, lags_of
-from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, logs_of, prepare
 from sysid.diagnosis.search.refinement import between_levels, edges_of, refined
 from sysid.diagnosis.search.screen import screened
@@ -318,9 +317,6 @@ class CandidateSearch:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
 
-    def _parameters_of(self, e: Effect) -> list[tuple[int, ModelParameter]]:
-        return [(i, self.model.parameters[i]) for i in self.model.of(e.id)]
-
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
         if e.shared or e.couples:
@@ -385,9 +381,8 @@ class CandidateSearch:
         """
         without = np.repeat(q[None], self.model.tracks, axis=0)
         for i, row in enumerate(without):
-            for k, parameter in self._parameters_of(e):
-                if parameter.track == i:
-                    row[k] = before.q[k]
+            own = [k for k in self.model.of(e.id) if self.model.parameters[k].track == i]
+            row[own] = before.q[own]
         counts = np.maximum(np.sum(self.data.weight > 0.0, axis=0), 1)
         squares = self.data.squared_error(self.model.run(without, self.data)) / counts
         return np.asarray(least < RULE.own_part * np.diag(squares))
@@ -399,13 +394,8 @@ class CandidateSearch:
 
     def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The likeliest of several sets against the base; the first of equals."""
-        scores = self.totals(base, models)
-        return models[int(np.argmax(scores))]
-
-    def totals(self, base: CandidateModel, models: Sequence[CandidateModel]) -> list[float]:
-        """Scores of whole sets against the base, with one effective sample size for all."""
         samples = common_samples(models)
-        return [self.likelihood(base, n, samples) for n in models]
+        return models[int(np.argmax([self.likelihood(base, n, samples) for n in models]))]
 
     def evidence(
         self,

@@ -16,7 +16,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE, SHAPES
 from sysid.diagnosis.search.candidates import CandidateSearch
-from sysid.diagnosis.search.evidence import compare_errors, effective_samples
+from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.shapes.fitted import FittedShape, fitted_shapes
 from sysid.diagnosis.shapes.shape import Curve, ShapePlace
@@ -56,8 +56,7 @@ class FoundShape:
     output: str
     share: float
     numbers: float
-    delta_bic: float
-    p_value: float
+    evidence: Evidence
     sentence: str
     curve: Curve | None
     effect: str = ""
@@ -70,7 +69,7 @@ class FoundShape:
             "output": self.output,
             "share_of_excess": self.share,
             "effective_numbers": self.numbers,
-            "evidence": {"delta_bic": self.delta_bic, "p_value": self.p_value},
+            "evidence": self.evidence.to_json(),
             "sentence": self.sentence,
             "curve": self.curve,
             "effect": self.effect,
@@ -150,8 +149,7 @@ def _found(shape: FittedShape, effect: str = "") -> FoundShape:
         shape.track.output.name,
         shape.share,
         shape.numbers,
-        shape.evidence.delta_bic,
-        shape.evidence.p_value,
+        shape.evidence,
         sentence,
         curve,
         effect,
