@@ -72,6 +72,10 @@ def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
     # s: the command before this one
     falls = (c.drive * s[0] > 0.0) & (xp.abs(c.drive) < xp.abs(s[0]))
     speed, side = xp.abs(c.w), xp.sign(c.w)
+    # the diode takes its voltage for the share of time in which the switch does not conduct
+    lost = p["diode"] * c.gain * (1.0 - xp.minimum(xp.abs(c.drive), 1.0))
+    torque = xp.sign(c.torque) * xp.maximum(xp.abs(c.torque) - lost, 0.0)
+    w = w - c.b * (c.torque - torque)
     ahead = c.torque * side  # the drive's speed in the direction of motion
     released = xp.where(c.drive == 0.0, p["at_zero"], xp.where(falls, p["falls"], 0.0))
     released = released + xp.where((ahead >= 0.0) & (ahead < speed), p["outruns"], 0.0)
@@ -157,7 +161,7 @@ EFFECTS = (
         Texts(
             "ω̇ = −r sign ω − β ω/τ while the command is 0, or falls, too (or while the wheel "
             "outruns it), down to 0 (or until the drive catches it); with a current of one sign "
-            "the slower fall of this and τ ω̇ = T − ω",
+            "the slower fall of this and τ ω̇ = T − ω, where the diode takes δ K (1 − |d|) of T",
             "The driver lets go instead of braking.",
             "Falls are nearly straight lines, or longer than rises; rises are exponentials.",
             "Steps to zero from several speeds, and steps down to lower ones.",
@@ -186,6 +190,9 @@ EFFECTS = (
                 + (AT_ZERO,) * 2
                 + (ONE_WAY,) * 2,
                 choice=True,
+            ),
+            EffectParameter(
+                "diode", "drive", 0.0, 0.0, 0.2, (0.0,) * 11 + (0.03,) * 2, at_limit=True
             ),
         ),
         _freewheel,
@@ -217,7 +224,7 @@ EFFECTS = (
                 sentence="It does so at a command of zero only, as if all switches opened then.",
             ),
             Law(
-                _NUMBERS,
+                (*_NUMBERS, "diode"),
                 choices={"released": ONE_WAY},
                 sentence="Its current flows one way only, as through the diode of a bridge of one "
                 "quadrant: it pulls and never brakes, but against a reversal.",

@@ -119,7 +119,9 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         return None
     total = theta[:nu] + theta[nu : 2 * nu]
     i = int(np.argmax(np.abs(total * X[:, :nu].std(axis=0))))
-    free = every_X @ theta  # the changes of an output that nothing stops
+    # the changes of an output that nothing stops; where it stands, friction takes what it likes
+    moving = np.r_[0 : 2 * nu, 4 * nu : X.shape[1]]
+    free = every_X[:, moving] @ least_squares(X[:, moving], d)[0]
     pushed = free * end > 0.5 * float(np.std(free))
     stopped = pushed & (every_d * end < 0.5 * np.abs(free))
     return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
