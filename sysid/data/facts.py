@@ -246,27 +246,18 @@ class LogFacts:
 def without_drift(record: Record) -> Record:
     """The record less the slow drift of its outputs about their means (see ``processes``).
 
-    An output whose level does not drift for sure stays as it is: what would be taken from it is a
-    part of its response. A log longer than ``SAMPLES`` is looked at in means of a few samples.
-
-    Returns:
-        The record itself where no level drifts for sure.
-
-    Raises:
-        DataError: how an output follows the inputs is not clear.
+    A log longer than ``SAMPLES`` is looked at in means of a few samples.
     """
     every = -(-len(record) // SAMPLES)
     n = len(record) // every
     coarse = replace(record.averaged(every), sha256="")
     moved = record.y.copy()
     at = np.arange(len(record)) / every - 0.5 * (every - 1) / every
-    facts = LogFacts((coarse,))
-    for j, fit in enumerate(facts.processes):
+    for j, fit in enumerate(LogFacts((coarse,)).processes):
         if fit is None:
             raise DataError(
                 f"{record.name}: how {record.output_names[j]} follows the inputs is not clear "
                 "enough to tell a drift from it; omit `remove_drift`"
             )
-        if facts.drifts[j]:
-            moved[:, j] -= np.interp(at, np.arange(n), fit.drift - fit.drift.mean())
-    return replace(record, y=moved) if np.any(facts.drifts) else record
+        moved[:, j] -= np.interp(at, np.arange(n), fit.drift - fit.drift.mean())
+    return replace(record, y=moved)

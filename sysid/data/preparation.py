@@ -19,9 +19,6 @@ from sysid.data.same_kind import common_step
 from sysid.data.schema import STORED
 from sysid.errors import UsageError
 
-NO_DRIFT = "no level drifts for sure"
-"""Why nothing was taken out."""
-
 
 @dataclass(frozen=True)
 class Preparation:
@@ -66,17 +63,11 @@ class Preparation:
             record = band_pass(record, *self.band)
         if self.decimate > 1:
             record = decimate(record, self.decimate)
-        done, drifting = self.to_json(), record
         if self.remove_drift:
             record = without_drift(record)
-            if record is drifting:
-                done["remove_drift"] = NO_DRIFT
+        done = self.to_json()
         steps = ", ".join(name.replace("_", " ") + _amount(value) for name, value in done.items())
-        changes = dict.fromkeys(
-            name.partition("_")[0] if "trim" in name else name
-            for name, value in done.items()
-            if value != NO_DRIFT
-        )
+        changes = dict.fromkeys(name.partition("_")[0] if "trim" in name else name for name in done)
         decision = Decision("prepared", steps, tuple(changes))
         return replace(record, read_as=(*record.read_as, decision)) if done else record
 
@@ -88,8 +79,6 @@ class Preparation:
 def _amount(value: Any) -> str:
     if value is True:
         return ""
-    if isinstance(value, str):
-        return f" ({value})"
     return " " + ":".join(f"{v:g}" for v in (value if isinstance(value, list | tuple) else [value]))
 
 

