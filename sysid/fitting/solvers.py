@@ -1,6 +1,9 @@
-"""The descent of one problem."""
+"""Numerical solvers; the only module that imports jaxopt."""
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -180,3 +183,107 @@ def evaluated(
 def _touching(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(1.0, np.abs(x)))
     return np.asarray((x - lower <= 1e-6 * width) | (upper - x <= 1e-6 * width))
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where one of many simultaneous starts ended.
+
+    Attributes:
+        z: parameters.
+        cost: ½‖r‖² there, None where it is not finite.
+    """
+
+    z: Array
+    cost: float | None
+    iterations: int
+
+
+CLIPPED = 1e6
+"""Residuals are kept below this: jaxopt multiplies rejected steps by zero, and 0·∞ is no number."""
+
+
+def many_starts(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    starts: Array,
+    each: Any,
+    shared: Any,
+    iterations: int = 20,
+    tolerance: float = 1e-7,
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None = None,
+) -> tuple[Ending, ...]:
+    """Levenberg-Marquardt from many starts at once: jaxopt's, vmapped and compiled.
+
+    The same functions with the same limits are compiled once for every shape of their arguments.
+
+    Args:
+        residual: (jax.numpy, jax.lax, z, each, shared) → r, of about unit norm at a poor start
+            (divide by √N: jaxopt's damping is absolute).
+        starts: z of every start, (S, n).
+        each: arrays whose first axis belongs to the starts.
+        shared: arrays all starts share; passed as arguments, so that a compilation serves any data.
+        tolerance: on the gradient's norm.
+        jacobian: of ``residual``, with the same arguments; forward-mode unless given.
+    """
+    solutions = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
+    ends, costs, counts = (np.asarray(part, dtype=np.float64) for part in solutions)
+    return tuple(
+        Ending(z, float(cost) if np.isfinite([cost, *z]).all() else None, int(count))
+        for z, cost, count in zip(ends, costs, counts, strict=True)
+    )
+
+
+@lru_cache(maxsize=16)
+def _batch_solver(
+    residual: Callable[[Any, Any, Any, Any, Any], Any],
+    jacobian: Callable[[Any, Any, Any, Any, Any], Any] | None,
+    iterations: int,
+    tolerance: float,
+) -> Callable[..., Any]:
+    """(starts, each, shared) → ends, costs and iterations, compiled."""
+    with warnings.catch_warnings():
+        # it says on import that nobody develops it further; its version is pinned here
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from jaxopt import LevenbergMarquardt
+
+    from sysid.runners.compiled import jax_module
+
+    jax = jax_module()
+    jnp, lax = jax.numpy, jax.lax
+
+    def clipped(z: Any, bounds: Any, data: Any) -> Any:
+        r = jnp.nan_to_num(residual(jnp, lax, z, bounds, data), nan=CLIPPED)
+        return jnp.clip(r, -CLIPPED, CLIPPED)
+
+    # compiled on their own, they are traced once although jaxopt calls them in many places
+    clipped = jax.jit(clipped)
+    slopes = None
+    if jacobian is not None:
+        slopes = jax.jit(lambda z, bounds, data: jacobian(jnp, lax, z, bounds, data))
+
+    class Solver(LevenbergMarquardt):  # type: ignore[misc]
+        """jaxopt's: with the Jacobian kept, as here, it forgets to take ``jac_fun``."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if self.jac_fun is not None:
+                self._jac_fun = self.jac_fun
+
+    solver = Solver(
+        residual_fun=clipped,
+        jac_fun=slopes,
+        materialize_jac=True,
+        solver="cholesky",
+        damping_parameter=1e-3,
+        maxiter=iterations,
+        tol=tolerance,
+        implicit_diff=False,
+        jit=True,
+    )
+
+    def run(z: Any, bounds: Any, data: Any) -> Any:
+        end, state = solver.run(z, bounds, data)
+        return end, state.value, state.iter_num
+
+    compiled: Callable[..., Any] = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))
+    return compiled

@@ -54,7 +54,7 @@ def fit(
        generalised cross-validation allows. Each map runs freely over the estimation data, of which
        a held-out part counts.
     2. The best few of different kinds are refined side by side on free runs over chunks of growing
-       length.
+       length (jaxopt's Levenberg-Marquardt, vmapped).
     3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
        all data: by least squares and, where refinement won, on free runs, at last all outputs
        together within bounds.

@@ -119,12 +119,22 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         return None
     total = theta[:nu] + theta[nu : 2 * nu]
     i = int(np.argmax(np.abs(total * X[:, :nu].std(axis=0))))
-    # the changes of an output that nothing stops; where it stands, friction takes what it likes
-    moving = np.r_[0 : 2 * nu, 4 * nu : X.shape[1]]
-    free = every_X[:, moving] @ least_squares(X[:, moving], d)[0]
+    stopped = _stopped(every_X, every_d, end, 2 * nu)
+    return Integral(records[0].output_names[j], records[0].input_names[i], stopped)
+
+
+def _stopped(X: Array, d: Array, end: Array, inputs: int) -> float:
+    """Share of the blocks in which an output stays at an end while its inputs push on.
+
+    Args:
+        end: 1 at the upper end, −1 at the lower one, 0 between them.
+        inputs: columns of inputs, before those of their signs: where an output stands, dry
+            friction takes what it likes, and says nothing.
+    """
+    X = X[:, np.r_[0:inputs, 2 * inputs : X.shape[1]]]
+    free = X @ least_squares(X[end == 0.0], d[end == 0.0])[0]  # changes that nothing stops
     pushed = free * end > 0.5 * float(np.std(free))
-    stopped = pushed & (every_d * end < 0.5 * np.abs(free))
-    return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
+    return float(np.mean(pushed & (d * end < 0.5 * np.abs(free))))
 
 
 def _pull_error(X: Array, rest: Array) -> float:
