@@ -85,7 +85,10 @@ DRIVE_UNITS = word_set("V mV")
 AMBIENT = word_set("outdoor outside ambient outdoors surroundings aussen außen umgebung")
 """Words of what surrounds a plant: last among its outputs."""
 
-_FLOW = re.compile(r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)", re.I)
+_FLOW = re.compile(
+    r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)|[kmµu]?(g|mol|S)/(l|ml|m\^?3|m³|cm)", re.I
+)
+"""Units of flows, and of what a liquid or gas holds."""
 
 DRIVES = word_set(
     "torque drehmoment moment couple force kraft current strom courant freq frequency frequenz "
@@ -283,6 +286,11 @@ def ends_in_speed(name: str, meant: Meaning) -> bool:
     """Whether a command by its name is an actuator's speed: ``Fan speed``."""
     of_part = meant.quantity == "command" and meant.rank == ACTUATOR
     return of_part and _rank(words(without_unit(name))[-1:], SPEEDS) is not None
+
+
+def names_speed(name: str) -> bool:
+    """Whether a word of a name, and not only its unit, says that it is a speed."""
+    return _rank(_with_pairs(words(without_unit(name))), SPEEDS) is not None
 
 
 def leaves_a_source(name: str, unit: str = "") -> bool:

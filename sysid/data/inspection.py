@@ -78,7 +78,9 @@ def inspect_records(
         findings += check_sampling(records[0].dt, speeds, facts.delays)
         set_points = [f.channel for f in reading if f.code == "set-point" and f.channel]
         findings += [*check_delay(facts.delays, set_points), *check_feedback(facts.feedback)]
-        findings += check_constancy(records, facts.changes, facts.drifts, any(facts.processes))
+        findings += check_constancy(
+            records, facts.changes, facts.drifts, any(facts.processes), facts.changes_or_curves
+        )
         if nonlinearity:
             findings += check_nonlinearity(facts.nonlinearity)
     return (*reading, *findings)

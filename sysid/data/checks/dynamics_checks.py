@@ -296,7 +296,11 @@ def _smallest(matrix: Array) -> float:
 
 
 def check_constancy(
-    records: Sequence[Record], changes: Sequence[Change], drifts: Array, tested: bool
+    records: Sequence[Record],
+    changes: Sequence[Change],
+    drifts: Array,
+    tested: bool,
+    or_curves: Sequence[Change] = (),
 ) -> Iterator[Finding]:
     """What changes within the log, and when; nothing where no process shows it.
 
@@ -305,6 +309,7 @@ def check_constancy(
         changes: of gains and time constants.
         drifts: ranges of the drifts of levels, (ny,).
         tested: whether a process stands for any output.
+        or_curves: changes that the curve of a nonlinear output may look like.
     """
     for c in changes:
         text = change_sentence(c, records[0])
@@ -317,7 +322,10 @@ def check_constancy(
     drifting = drift_sentences(records[0], changes, drifts)
     for output, text in drifting.items():
         yield Finding("drift", Severity.WARNING, text, WITHOUT_DRIFT, output)
-    if tested and not (changes or drifting):
+    for c in or_curves:
+        text = f"{change_sentence(c, records[0]).removesuffix('.')}, or the response is a curve."
+        yield Finding("change", Severity.NOTE, text, "sysid diagnose compares both.", c.output)
+    if tested and not (changes or drifting or or_curves):
         text = "Gains, time constants and levels are constant."
         yield Finding("change", Severity.OK, text)
 
