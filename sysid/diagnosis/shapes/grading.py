@@ -210,7 +210,9 @@ def better_shape(
     samples = effective_samples(shaped.estimation)
     every = np.ones(len(pairs), dtype=bool)
     evidence = compare_errors(named, shaped, numbers, 1, every, samples)
-    return best if evidence.significant and evidence.ratio < RULE.held_out else None
+    # of two that explain the log, the one with more numbers has to prove that it needs them
+    proven = evidence.significant or (numbers < 0.0 and evidence.delta_bic < RULE.bic)
+    return best if proven and evidence.ratio < RULE.held_out else None
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:
