@@ -124,7 +124,7 @@ def _show(
     ends: dict[str, tuple[float | None, float | None]],
 ) -> None:
     from sysid.estimation.information.profiles import interval_words
-    from sysid.estimation.information.sensitivity import hidden_words, rank_words
+    from sysid.estimation.information.sensitivity import hidden_words
 
     rows = []
     for p in found.parameters:
@@ -136,7 +136,7 @@ def _show(
         rows.append((p.name, f"{p.value:.5g}", error, relative, p.unit, when, linked))
     heads = ("parameter", "value", "± 95 %", "relative", "unit", "80 % of it within", "verdict")
     render.table(heads, rows)
-    render.say(rank_words(found.rank, found.count, found.condition))
+    render.say(found.words)
     for direction in found.null:
         render.warn(hidden_words(direction))
     for name, e in ends.items():

@@ -12,11 +12,65 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.cosim.multibody import machine as multibody
 from sysid.cosim.multibody.engine import engine
-from sysid.cosim.multibody.machine import Machine
-from sysid.vehicle.wheels.mjcf_parts import STEP
+from sysid.vehicle.motors import Bench, Motor
+from sysid.vehicle.wheels.mjcf_parts import STEP, Axle
 
 Array: TypeAlias = NDArray[np.float64]
+
+
+PER_VOLT = Bench().motor(1.0)
+"""The thesis's motor and gear (2.53–2.61, §5.2), driven by volts."""
+
+
+@dataclass(frozen=True)
+class Machine(multibody.Machine):
+    """A box on two rows of wheels, each turned by a motor.
+
+    Its wheels' joints carry motor, gear and rolling resistance, which acts on the sprocket as the
+    force on the vehicle does: r μr N.
+
+    Attributes:
+        rolling: rolling resistance over load [1].
+        motor: of each side, driven by volts.
+    """
+
+    yaw_inertia: float | None = 0.02
+    friction: float = 0.6
+    rolling: float = 0.03
+    motor: Motor = PER_VOLT
+
+    @property
+    def axle(self) -> Axle:
+        m = self.motor
+        rolling = self.rolling * self.load * self.wheels * self.r
+        return Axle(float(m.inertia), float(m.damping), float(m.friction) + rolling)
+
+    @property
+    def actuators(self) -> list[str]:
+        return [f'<motor {row.acts} gear="{float(self.motor.torque)!r}"/>' for row in self.rows]
+
+
+def scrub(machine: multibody.Machine) -> tuple[float, float]:
+    """Turning on the spot on points of isotropic friction: moment [Nm], effective width [m].
+
+    Every wheel slides with (c, ψ̇x) and is pushed back by μN along it. Both rows must give the
+    moment that the sideways parts need, which settles the creep c:
+
+        B Σ c/√(c² + x²) = 2 Σ x²/√(c² + x²)    (c in units of ψ̇; sums over one row)
+
+    The moment on the sprockets is B/2 of the forces forward, and rω = ψ̇(B/2 + c).
+    """
+    x2 = machine.places**2
+    low, high = 0.0, machine.L
+    for _ in range(60):
+        c = 0.5 * (low + high)
+        size = np.sqrt(c * c + x2)
+        more = machine.B * float(np.sum(c / size)) < 2.0 * float(np.sum(x2 / size))
+        low, high = (c, high) if more else (low, c)
+    forward = machine.friction * machine.load * float(np.sum(c / np.sqrt(c * c + x2)))
+    return forward * machine.B, machine.B + 2.0 * c
 
 
 @dataclass(frozen=True, eq=False)

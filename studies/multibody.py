@@ -348,6 +348,8 @@ def head(tracks: Model) -> str:
 
 def tells(found: Found, error: float) -> str:
     """What is to be seen."""
+    from sysid_datasets.multibody import scrub
+
     from sysid.cosim.multibody.motion import STAND_IN
 
     lost = found["obstacles_6_3", Case("tracks", "multibody", "odometry")]
@@ -355,7 +357,7 @@ def tells(found: Found, error: float) -> str:
         off=missed(lost),
         farther=missed(found["obstacles_6_3", Case("motors", "dynamic", "odometry")]),
         wide=STAND_IN.B,
-        scrub=STAND_IN.scrub[1],
+        scrub=scrub(STAND_IN)[1],
         error=error,
     )
 

@@ -14,7 +14,9 @@ from scipy.signal import lfilter
 
 from studies.runner import Study, by_case, fewer
 from sysid.criteria.fit import Array
-from sysid.criteria.nonlinear import nonlinear_tests
+from sysid.criteria.nonlinear import further_tests
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.residuals import whiteness_test
 from sysid.report.markdown import table
 
 STUDY = Study("nonlinear_tests", "nonlinear_tests.md", runs=400)
@@ -150,9 +152,10 @@ def alarms(name: str, seed: int, samples: int) -> list[str]:
     """The tests that alarm in one replicate at a nominal 1 %."""
     case = next(c for c in (*RIGHT, *WRONG) if c.name == name)
     found = case.draw(np.random.default_rng([seed, samples]), samples)
-    tests = nonlinear_tests(
-        found.errors, found.inputs, found.jacobian, noise_model=case.noise_model
-    )
+    given = OutputResiduals.of(found.errors, found.inputs, found.jacobian)
+    white = whiteness_test(found.errors, found.jacobian, judged=case.noise_model)
+    further = further_tests(given, noise_model=case.noise_model)
+    tests = (white, given.independence(), *further)
     return [t.name for t in tests if not t.passed]
 
 

@@ -1,11 +1,11 @@
 """``published_figures.md``: figures others have published, beside the same made here."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
 from studies.measured_records import available, read
-from sysid.criteria.information import loss_from
-from sysid.criteria.table import weighed
+from sysid.criteria.table import Loss, weighed
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.estimation.assessment.figures import Start, figures
@@ -61,7 +61,7 @@ def write(_folder: Path) -> Mapping[str, str]:
 
 
 def _criteria() -> list[list[str]]:
-    c = weighed(loss_from(1.6575, 300, 6))
+    c = weighed(Loss(math.log(1.6575), 300, 6))
     return [
         ["FPE", "1.7252", f"{c['fpe']:.4f}"],
         ["AIC", "1015.0", f"{c['aic']:.1f}"],

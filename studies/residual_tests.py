@@ -17,7 +17,8 @@ from scipy.signal import lfilter
 
 from studies.residual_correlations import autocorrelation, cross_correlation
 from studies.runner import Study, by_case, fewer
-from sysid.criteria.residuals import feedback_test, independence_test, whiteness_test
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.residuals import whiteness_test
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.record import Record
 from sysid.report.markdown import table
@@ -282,12 +283,12 @@ def alarms(case: Case, seed: int, samples: int) -> Alarms:
     """One replicate: 1 for each test that alarms (a share of lags for ``band_share``)."""
     data = case.simulate(np.random.default_rng([seed, samples]), samples)
     e, u, j = data.errors, data.inputs, data.jacobian
-    cross = cross_correlation(e, u)
+    cross, given = cross_correlation(e, u), OutputResiduals.of(e, u, j)
     past = np.abs(cross.values[cross.lags >= 0])
     out = {
-        "independent": not independence_test(e, u, j).passed,
-        "unprojected": not independence_test(e, u).passed,
-        "feedback": not feedback_test(e, u, j).passed,
+        "independent": not given.independence().passed,
+        "unprojected": not OutputResiduals.of(e, u).independence().passed,
+        "feedback": not given.feedback().passed,
         "naive_any": bool((past > 2.58 / np.sqrt(samples)).any()),
         "band_share": float((past > cross.bound).mean()),
     }

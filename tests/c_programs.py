@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array
-from sysid.export.c.source import c_sources
+from sysid.export.c.step import c_sources
 from sysid.plant.selftest import make_selftest
 from sysid.structures.model import Model
 

@@ -50,7 +50,7 @@ def value(name: str) -> float:
 
 def another(name: str) -> float:
     """The same constant by the second way that the tables tell it."""
-    return [route.value for route, _ in bench().routes if route.name == name][1]
+    return [route.value for route in bench().routes if route.name == name][1]
 
 
 def constants() -> Sheet:

@@ -15,8 +15,8 @@ import numpy as np
 
 from sysid.criteria.coloured import ar_fit
 from sysid.criteria.fit import Array
-from sysid.criteria.portmanteau import Mask, Trial, score
-from sysid.criteria.verdicts import ResidualTest, ScoredTest, in_words
+from sysid.criteria.portmanteau import Mask, Score, Trial, score
+from sysid.criteria.verdicts import ResidualTest, in_words
 
 MIN_RESIDUALS = 20
 """Residuals below which nothing is tested, as in ``residuals.py``."""
@@ -85,14 +85,12 @@ def fixed_parameter_tests(
     for k, parameter in enumerate(parameters):
         signals = [h[:, [k]] for h in hs]
         trial = Trial(es, signals, js, keep, tested=range(1), rows=keep, noise=noise)
-        tests.append(
-            _verdict(parameter, ScoredTest(score(trial), share, (parameter.name,), range(1)))
-        )
+        tests.append(_verdict(parameter, score(trial), share))
     return tuple(tests)
 
 
-def _verdict(parameter: FixedParameter, scored: ScoredTest) -> ResidualTest:
-    larger = bool(scored.score.parts[0, 0] > 0.0)
+def _verdict(parameter: FixedParameter, scored: Score, level: float) -> ResidualTest:
+    larger = bool(scored.parts[0, 0] > 0.0)
     where, at = "larger" if larger else "smaller", f"{parameter.value:.6g}"
     agrees = f"The data agree with {parameter.name} fixed at {at}"
     contradicts = f"The data contradict {parameter.name} fixed at {at}"
@@ -107,16 +105,16 @@ def _verdict(parameter: FixedParameter, scored: ScoredTest) -> ResidualTest:
         # a bound contradicts the data only where a better value lies beyond it
         above = parameter.upper - parameter.value < parameter.value - parameter.lower
         p_value = p_value if larger == above else 1.0
-    passed = p_value >= 1.0 - scored.level
+    passed = p_value >= 1.0 - level
     p = in_words(p_value)
     return ResidualTest(
         name="held parameter",
         output=parameter.name,
-        statistic=scored.score.statistic,
+        statistic=scored.statistic,
         dof=scored.dof,
         p_value=p_value,
         passed=passed,
-        level=scored.level,
+        level=level,
         worst_lag=None,
         worst_signal=parameter.name,
         judged=True,

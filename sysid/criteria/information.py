@@ -43,17 +43,6 @@ def loss_of(errors: Signals, n_parameters: int) -> Loss:
     return Loss(log_loss, samples, n_parameters, outputs)
 
 
-def loss_from(V: float, N: int, n: int, ny: int = 1) -> Loss:
-    """A loss whose V = det(EᵀE/N) is known, of N samples, n parameters and ny outputs.
-
-    Raises:
-        DataError: V is negative or NaN, N < 1, n < 0 or ny < 1.
-    """
-    if not V >= 0.0:
-        raise DataError(f"the loss V must not be negative, got {V}")
-    return Loss(float(np.log(V)) if V > 0.0 else -np.inf, N, n, ny)
-
-
 def on_common_samples(models: Sequence[Signals]) -> list[tuple[Array, ...]]:
     """Each model's errors with every row set to NaN that some model does not predict.
 

@@ -27,10 +27,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.criteria.fit import Array, Signals, centred
-from sysid.criteria.portmanteau import score
-from sysid.criteria.residuals import OnInputs, independence_test, whiteness_test
-from sysid.criteria.verdicts import ResidualTest, ScoredTest
+from sysid.criteria.fit import Array, centred
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.verdicts import ResidualTest
 
 LARGE = 2.58
 """Errors beyond so many standard deviations count as that many in their size."""
@@ -39,65 +38,31 @@ CONSTANT = 1e-10
 """Share of its power below which nothing is left of the square of an input."""
 
 FURTHER = ("error products", "input squares", "error size")
-NAMES = ("whiteness", "independence", *FURTHER)
 
 
-def nonlinear_tests(
-    errors: Signals, inputs: Signals, jacobian: Signals | None = None, *, noise_model: bool = True
-) -> tuple[ResidualTest, ...]:
-    """Billings & Voon's five tests of one output's residuals, in the order of ``NAMES``.
-
-    The first two are those of ``residuals.py``; arguments and errors as in
-    :func:`further_tests`.
-    """
-    names = ("the output",)
-    white = whiteness_test(errors, jacobian, judged=noise_model, output_names=names)
-    independent = independence_test(errors, inputs, jacobian)
-    return (white, independent, *further_tests(errors, inputs, jacobian, noise_model=noise_model))
-
-
-def further_tests(
-    errors: Signals,
-    inputs: Signals,
-    jacobian: Signals | None = None,
-    *,
-    level: float = 0.99,
-    noise_model: bool = True,
-    output_name: str = "the output",
-    input_names: Sequence[str] = (),
-    uncertain: Signals | None = None,
-) -> tuple[ResidualTest, ...]:
+def further_tests(given: OutputResiduals, *, noise_model: bool = True) -> tuple[ResidualTest, ...]:
     """The three tests that nonlinear models must stand beside the linear ones, as in ``FURTHER``.
 
     Args:
-        errors: residuals of one output, (N,), or one such array a record; NaN are left out.
-        inputs: all inputs, (N, nu), or one such array a record.
-        jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
-            array a record. Without it a model fitted to these data passes too easily.
         noise_model: False for structures without one: products of errors are then reported but
             not judged (coloured residuals fail).
-        uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
-
-    Raises:
-        DataError: shapes do not fit, an input is not finite, or fewer than 20 residuals.
     """
-    given = OnInputs.of(errors, inputs, jacobian, uncertain, input_names)
     # the size is flat in θ where ε is independent of the past: nothing to project out
     none = [np.zeros((len(e), 0)) for e in given.known]
     size = replace(given, known=_sizes(given.known), jacobian=none, uncertain=none)
     squares = _squares(given.inputs)
     products = [e[:, None] * u for e, u in zip(given.filled, given.inputs, strict=True)]
-    tests = []
-    for name, residuals, signals, first, noise in (
-        ("error products", given, products, 1, None),
-        ("input squares", given, squares, 0, given.noise),
-        ("error size", size, squares, 0, size.noise),
-    ):
-        trial = residuals.trial(signals, range(first, given.affordable() + 1), noise=noise)
-        result = ScoredTest(score(trial), level, given.names, trial.tested)
-        judged = noise_model or name != "error products"
-        tests.append(result.test(name, output_name, _SAYS[name], judged=judged))
-    return tuple(tests)
+    last = given.affordable()
+    return tuple(
+        residuals.tested(
+            name, _SAYS[name], signals, range(first, last + 1), noise=noise, judged=judged
+        )
+        for name, residuals, signals, first, noise, judged in (
+            ("error products", given, products, 1, None, noise_model),
+            ("input squares", given, squares, 0, given.noise, True),
+            ("error size", size, squares, 0, size.noise, True),
+        )
+    )
 
 
 def _squares(us: Sequence[Array]) -> list[Array]:

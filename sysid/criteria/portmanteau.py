@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 from scipy.linalg.lapack import dgeqrf
+from scipy.special import chdtrc
 
 from sysid.criteria.coloured import BLOCK, AutoRegression
 from sysid.criteria.fit import Array
@@ -47,6 +48,11 @@ class Score:
     dof: int
     worst: tuple[int, int] | None
     parts: Array
+
+    @property
+    def p_value(self) -> float:
+        """Chance of such a statistic where nothing is there."""
+        return float(chdtrc(self.dof, self.statistic)) if self.dof else 1.0
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from sysid.criteria.fit import Array
 from sysid.criteria.portmanteau import Score
@@ -68,58 +68,38 @@ class ResidualTest:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "parts"}
 
 
-@dataclass(frozen=True)
-class ScoredTest:
-    """A score judged at a level, on the way to a test result.
+Sentences = tuple[str, str, str]
+"""For a test that passed, one that failed, and one with nothing to test, with ``{output}``,
+``{signal}``, ``{lag}``, ``{last}`` (the largest lag) and ``{p}``."""
 
-    Attributes:
-        score: statistic, and what is behind it.
-        level: confidence level.
-        names: of the signals tested against.
+
+def verdict(
+    score: Score,
+    name: str,
+    output: str,
+    signals: tuple[str, ...],
+    lags: range,
+    sentences: Sentences,
+    level: float,
+    judged: bool = True,
+) -> ResidualTest:
+    """A score judged at a level, in words.
+
+    Args:
+        output: whose residuals were tested.
+        signals: names of what they were tested against.
+        judged: whether the outcome counts against the model.
     """
-
-    score: Score
-    level: float
-    names: tuple[str, ...]
-    lags: range
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom."""
-        return self.score.dof
-
-    @property
-    def p_value(self) -> float:
-        """Chance of such a statistic where nothing is there."""
-        return float(chdtrc(self.dof, self.score.statistic)) if self.dof else 1.0
-
-    @property
-    def passed(self) -> bool:
-        """Whether it may be chance."""
-        return self.p_value >= 1.0 - self.level
-
-    def test(
-        self, name: str, output: str, sentences: tuple[str, str, str], *, judged: bool = True
-    ) -> ResidualTest:
-        """The result in words.
-
-        Args:
-            output: whose residuals were tested.
-            sentences: for a test that passed, one that failed, and one with nothing to test, with
-                ``{output}``, ``{signal}``, ``{lag}``, ``{last}`` (the largest lag) and ``{p}``.
-            judged: whether the outcome counts against the model.
-        """
-        right, wrong, empty = sentences
-        worst, p = self.score.worst, self.p_value
-        signal, lag = (None, None) if worst is None else (self.names[worst[0]], worst[1])
-        sentence = (empty if self.dof == 0 else right if self.passed else wrong).format(
-            output=output, signal=signal, lag=lag, last=max(self.lags), p=in_words(p)
-        )
-        parts = LagParts(tuple(self.lags), self.names, self.score.parts)
-        return ResidualTest(
-            name, output, self.score.statistic, self.dof, p, self.passed, self.level, lag, signal,
-            judged, sentence, parts,
-        )  # fmt: skip
+    right, wrong, empty = sentences
+    p, passed = score.p_value, score.p_value >= 1.0 - level
+    signal, lag = (None, None) if score.worst is None else (signals[score.worst[0]], score.worst[1])
+    sentence = (empty if score.dof == 0 else right if passed else wrong).format(
+        output=output, signal=signal, lag=lag, last=max(lags), p=in_words(p)
+    )
+    return ResidualTest(
+        name, output, score.statistic, score.dof, p, passed, level, lag, signal, judged, sentence,
+        LagParts(tuple(lags), signals, score.parts),
+    )  # fmt: skip
 
 
 def in_words(p: float) -> str:

@@ -131,10 +131,11 @@ class LogFacts:
         return any(t.seen for t in self.feedback or ())
 
     @property
-    def moved_by_controller_alone(self) -> bool:
-        """Whether a law explains the only input by the output, and no set point moves it."""
+    def laws_alone(self) -> tuple[FeedbackTest, ...]:
+        """Laws that explain the only input by an output, no set point beside it: a controller
+        alone moves it, or, where feedback is not seen, may do so."""
         laws = [t for t in self.feedback or () if t.law is not None and not t.reference]
-        return self.records[0].nu == 1 and bool(laws)
+        return tuple(laws) if self.records[0].nu == 1 else ()
 
     @property
     def surely_closed_loop(self) -> bool:

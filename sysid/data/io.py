@@ -22,10 +22,8 @@ from sysid.data.reading.missing_codes import without_codes
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
-    ColumnReader,
     numbered_clock,
     row_times,
-    signal_reader,
     still_clock_advice,
 )
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
@@ -34,7 +32,8 @@ from sysid.data.reading.timing import (
     Grid,
     ResamplePolicy,
     Segment,
-    onto_grid,
+    held_on_grid,
+    measured_on_grid,
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
@@ -186,9 +185,9 @@ def _read(
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
     table, without_time = with_times(table, choice.clock, options.strict)
     stamps = numbered_clock(table, choice.clock)
-    block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
-    values, raw = block[:, : len(signals)], block[:, len(signals) :]
-    clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
+    # in one go: a long text is slow to read
+    values = table.columns((*signals, *stamps))[:, : len(signals)]
+    clock = row_times(table, choice.clock, options.units, options.ts)
     values, coded = without_codes(values, signals, len(choice.inputs), options.missing, table.where)
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
@@ -229,8 +228,7 @@ def _read(
         record = replace(record, name=name, sha256=digest)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
-    number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
-    said = decisions(table, choice, number, clock.t, rows.counted, records, findings, pose_units)
+    said = decisions(table, choice, clock.t, rows.counted, records, findings, pose_units)
     records = with_unused(table, choice, clock.t, [replace(r, read_as=said) for r in records])
     findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
@@ -257,14 +255,11 @@ def chosen(
         speed_of=tuple(map(whole, options.speed_of)),
     )
     choice = choose_columns(
-        table.brackets,
+        table,
         options.inputs,
         options.outputs or options.speed_of,
         options.time,
-        table.where,
-        ColumnReader(table),
         options.ts is not None,
-        signal_reader(table),
     )
     return options, *usable_pose(choice, table.brackets, options.units)
 
@@ -391,7 +386,7 @@ def _record(
     u[:, :nu] *= [c.scale for c in inputs]
     rest[:, :ny] *= [c.scale for c in outputs]
     if not segment.even:
-        u, rest = onto_grid(t[part], dt, u, rest)
+        u, rest = held_on_grid(t[part], dt, u), measured_on_grid(t[part], dt, rest)
     return Record(
         u=u[:, :nu],
         y=rest[:, :ny],

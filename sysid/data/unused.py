@@ -10,7 +10,6 @@ import numpy as np
 
 from sysid.data.column_words import is_set_point
 from sysid.data.reading.columns import Choice
-from sysid.data.reading.row_times import ColumnReader
 from sysid.data.reading.table import Table
 from sysid.data.reading.time_column import is_counter, is_time
 from sysid.data.record import Array, Record
@@ -26,9 +25,9 @@ def with_unused(table: Table, choice: Choice, t: Array, records: list[Record]) -
         t: instants of the rows of the table [s], (N,).
     """
     names = [n for n in choice.ignored if not (is_set_point(n) or is_time(n) or is_counter(n))]
-    read, found = ColumnReader(table), {}
+    found = {}
     for name in names[: min(MOST_COLUMNS, MOST_CELLS // len(t))]:
-        column = None if read.is_date(name) else read(name)
+        column = None if table.is_date(name) else table.read(name)
         if column is None:
             continue
         rows = np.flatnonzero(np.isfinite(column) & np.isfinite(t))

@@ -133,7 +133,7 @@ def identify(
     )
     judged = tuple(
         assess(
-            _as_known(entry.model, facts, inspect or request.orders is None),
+            _as_known(entry.model, facts, request, inspect),
             (inside, labels[0]),
             (outside, labels[1]) if outside else None,
             request.policy,
@@ -148,13 +148,18 @@ def identify(
     return Identification(*leads, contest.failed, inside, outside, tuple(findings))
 
 
-def _as_known(model: Model, facts: LogFacts, asked: bool) -> Model:
-    """The model, without errors where a controller alone moves the input.
+def _as_known(model: Model, facts: LogFacts, request: Request, inspect: bool) -> Model:
+    """The model, without errors where a controller alone moves the input, or may do so.
 
-    Args:
-        asked: whether feedback is looked for; a fit with given orders does not wait for that.
+    A fit with given orders does not wait for that unless feedback is looked for; who gives a delay
+    of 0 says that the plant passes on its input within the sample, which a log does not show.
     """
-    return undetermined(model) if asked and facts.moved_by_controller_alone else model
+    if request.orders is not None and not inspect:
+        return model
+    laws = facts.laws_alone
+    passes_on = request.orders is not None and model.structure.order_values().get("nk") == 0
+    sure = any(t.seen for t in laws)
+    return undetermined(model) if laws and (sure or not passes_on) else model
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:

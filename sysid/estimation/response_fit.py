@@ -20,10 +20,11 @@ from sysid.data.frequency_response import FrequencyResponse, read_frequency_resp
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array
 from sysid.errors import DataError, Termination, UsageError
-from sysid.structures.continuous.instruments import Found
+from sysid.structures.continuous.instruments import Found, stable
 from sysid.structures.continuous.structure import ContinuousStructure
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.families import OE
+from sysid.structures.linear.output_error import reflected
 from sysid.structures.model import Model, Provenance
 from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
@@ -298,42 +299,41 @@ def _rational(
     """b_0 … b_m, a_0 … a_{n−1} of Σ b s^k/(sⁿ + Σ a s^k), and its weighed error."""
     unit = float(np.sqrt(np.abs(s[0]) * np.abs(s[-1])))
     x = s / unit
-    top = x[:, None] ** np.arange(m + 1)
-    bottom = x[:, None] ** np.arange(n)
-    last: Any = np.ones(len(s), dtype=np.complex128)
-    best: tuple[float, Array] | None = None
-    for _ in range(ROUNDS):
-        w = weight / np.abs(last)
-        A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
-        theta = _solved(A, value * x**n * w)
-        den = x**n + bottom @ theta[m + 1 :]
-        cost = float(np.sum(np.abs(weight * (value - top @ theta[: m + 1] / den)) ** 2))
-        if best is None or cost < best[0]:
-            best = cost, theta
-        last = np.where(np.abs(den) > 1e-12, den, 1e-12)
-    assert best is not None
-    cost, found = best
+    top, bottom = x[:, None] ** np.arange(m + 1), x[:, None] ** np.arange(n)
+    found, cost = _reweighed(top, bottom, x**n, value, weight)
     num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
-    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
-    roots = np.roots([1.0, *bottom_of[::-1]])
-    right = roots.real > 0.0
-    roots[right] = -np.conj(roots[right])
-    return num, np.real(np.poly(roots))[:0:-1], cost
+    den = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    return num, stable(den), cost
 
 
 def _in_q(q: Complex, value: Complex, weight: Array, nb: int, nf: int) -> tuple[Array, Array]:
     """b and f of Σ b q^−k/(1 + Σ f q^−k), k from 0 and from 1."""
     top, bottom = q[:, None] ** np.arange(nb), q[:, None] ** np.arange(1, nf + 1)
-    last: Any = np.ones(len(q), dtype=np.complex128)
-    theta = np.zeros(nb + nf)
+    theta, _ = _reweighed(top, bottom, np.ones_like(q), value, weight)
+    return theta[:nb], reflected(np.append(1.0, theta[nb:]))[1:]
+
+
+def _reweighed(
+    top: Complex, bottom: Complex, lead: Complex, value: Complex, weight: Array
+) -> tuple[Array, float]:
+    """Real b and a with top b/(lead + bottom a) nearest to the values, and the weighed error.
+
+    Linear least squares, weighed with the denominator of the round before.
+    """
+    last: Any = np.ones(len(value), dtype=np.complex128)
+    best: tuple[Array, float] | None = None
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
-        theta = _solved(np.hstack([top, -value[:, None] * bottom]) * w[:, None], value * w)
-        last = 1.0 + bottom @ theta[nb:]
-    roots = np.roots([1.0, *theta[nb:]])
-    size = np.abs(roots)
-    roots = np.where(size >= 1.0, 0.999 / np.conj(np.where(size > 0, roots, 1.0)), roots)
-    return theta[:nb], np.real(np.poly(roots))[1:]
+        A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
+        theta = _solved(A, value * lead * w)
+        den = lead + bottom @ theta[top.shape[1] :]
+        last = np.where(np.abs(den) > 1e-12, den, 1e-12)
+        gone = value - top @ theta[: top.shape[1]] / last
+        cost = float(np.sum(np.abs(weight * gone) ** 2))
+        if best is None or cost < best[1]:
+            best = theta, cost
+    assert best is not None
+    return best
 
 
 def _solved(A: Any, b: Any) -> Array:

@@ -140,6 +140,8 @@ def sentence(r: StepResponse) -> str:
         return f"{head}: does not settle; the model is unstable, or too slow to simulate."
     if r.gain.value == 0.0:
         return f"{head}: nothing moves."
+    if math.isinf(r.gain.std_error):
+        return f"{head}: not determined by these data."
     parts = [_gain(r)]
     parts += _times(r)
     if math.isfinite(r.dead_time) and r.dead_time > 0.0:

@@ -14,7 +14,8 @@ import pytest
 from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
-from sysid.criteria.residuals import independence_test, whiteness_test
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.residuals import whiteness_test
 from sysid.data.record import Record
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.pem import fit
@@ -178,7 +179,7 @@ def test_alarm_rate_on_data_the_model_was_not_fitted_to() -> None:
         (test,) = residual_tests(model, [other], fitted=False).independence
         alarms += not test.passed
         errors = model.errors(other, 50)
-        plain += not independence_test(errors, other.u).passed
+        plain += not OutputResiduals.of(errors, other.u).independence().passed
     assert alarms < 5
     assert plain > 10, "else there is nothing to allow for"
 
@@ -201,12 +202,12 @@ def test_the_parts_of_a_statistic_add_up_to_it() -> None:
     u = lfilter([1.0], [1.0, -0.9], rng.standard_normal((500, 2)), axis=0)
     e = rng.standard_normal((500, 2))
     e[3:, 0] += 0.3 * u[:-3, 1]
-    for test in (independence_test(e[:, 0], u), whiteness_test(e)):
+    for test in (OutputResiduals.of(e[:, 0], u).independence(), whiteness_test(e)):
         assert test.parts is not None
         assert float(np.sum(test.parts.values**2)) == pytest.approx(test.statistic, rel=1e-9)
         assert test.parts.values.shape == (2, len(test.parts.lags))
         assert (test.statistic <= test.limit) == test.passed
-    found = independence_test(e[:, 0], u).parts
+    found = OutputResiduals.of(e[:, 0], u).independence().parts
     assert found is not None
     signal, lag = np.unravel_index(int(np.argmax(np.abs(found.values))), found.values.shape)
     assert (signal, found.lags[lag]) == (1, 3)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from studies import nonlinear_tests as study
-from sysid.criteria.nonlinear import FURTHER, NAMES, further_tests, nonlinear_tests
-from sysid.criteria.residuals import independence_test, whiteness_test
+from sysid.criteria.nonlinear import FURTHER, further_tests
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.residuals import residual_report
 from sysid.data.record import Record
 from sysid.errors import DataError
 from sysid.estimation.assessment.figures import residual_tests
@@ -32,7 +33,8 @@ def test_right_models_are_seldom_accused() -> None:
         for seed in range(12):
             found = case.draw(np.random.default_rng([seed, 300]), 300)
             tests = further_tests(
-                found.errors, found.inputs, found.jacobian, noise_model=case.noise_model
+                OutputResiduals.of(found.errors, found.inputs, found.jacobian),
+                noise_model=case.noise_model,
             )
             alarms += sum(t.judged and not t.passed for t in tests)
             judged += sum(t.judged for t in tests)
@@ -56,7 +58,8 @@ def test_wrong_models_are_accused_of_what_they_lack(name: str, kind: str) -> Non
     tests = {
         t.name: t
         for t in further_tests(
-            found.errors, found.inputs, found.jacobian, noise_model=case.noise_model
+            OutputResiduals.of(found.errors, found.inputs, found.jacobian),
+            noise_model=case.noise_model,
         )
     }
     # the report says 99 % and more at 1000 samples
@@ -68,9 +71,10 @@ def test_wrong_models_are_accused_of_what_they_lack(name: str, kind: str) -> Non
 def test_linear_tests_alone_do_not_see_a_missing_square() -> None:
     case = WRONG["NARX without u², white input"]
     found = case.draw(np.random.default_rng([5, 300]), 300)
-    tests = {t.name: t for t in nonlinear_tests(found.errors, found.inputs, found.jacobian)}
-    assert tests["whiteness"].passed
-    assert tests["independence"].passed
+    report = residual_report(found.errors, found.inputs, [found.jacobian], nonlinear=True)
+    assert report.whiteness[0].passed
+    assert report.independence[0].passed
+    tests = {t.name: t for t in report.nonlinear}
     assert not tests["input squares"].passed
     assert tests["input squares"].worst_lag == 1
 
@@ -78,20 +82,25 @@ def test_linear_tests_alone_do_not_see_a_missing_square() -> None:
 # ------------------------------------------------------------------ what they are
 
 
-def test_the_first_two_are_the_linear_ones() -> None:
+def test_nonlinear_models_stand_them_beside_the_linear_ones() -> None:
     found = RIGHT["NARX, white input"].draw(np.random.default_rng(1), 300)
-    tests = nonlinear_tests(found.errors, found.inputs, found.jacobian)
-    assert tuple(t.name for t in tests) == NAMES
-    white = whiteness_test(found.errors, found.jacobian, output_names=("the output",))
-    free = independence_test(found.errors, found.inputs, found.jacobian)
-    assert tests[0].p_value == white.p_value
-    assert tests[1].p_value == free.p_value
+    errors = np.column_stack([found.errors, found.errors])
+    linear, both = (
+        residual_report(errors, found.inputs, [found.jacobian] * 2, nonlinear=nonlinear)
+        for nonlinear in (False, True)
+    )
+    assert not linear.nonlinear
+    assert [t.name for t in both.nonlinear] == [name for name in FURTHER for _ in range(2)]
+    assert [t.output for t in both.nonlinear] == ["output 1", "output 2"] * 3
+    assert both.independence[0].p_value == linear.independence[0].p_value
 
 
 def test_units_do_not_matter() -> None:
     found = WRONG["NARX without y u, white input"].draw(np.random.default_rng(2), 400)
-    one = further_tests(found.errors, found.inputs, found.jacobian)
-    two = further_tests(1e-3 * found.errors, 1e4 * found.inputs, 1e2 * found.jacobian)
+    one = further_tests(OutputResiduals.of(found.errors, found.inputs, found.jacobian))
+    two = further_tests(
+        OutputResiduals.of(1e-3 * found.errors, 1e4 * found.inputs, 1e2 * found.jacobian)
+    )
     for a, b in zip(one, two, strict=True):
         assert b.p_value == pytest.approx(a.p_value, rel=1e-6)
 
@@ -99,7 +108,8 @@ def test_units_do_not_matter() -> None:
 def test_two_levels_hide_their_square() -> None:
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([-1.0, 1.0], 80), 5)
-    tests = {t.name: t for t in further_tests(rng.standard_normal(400), u[:, None])}
+    given = OutputResiduals.of(rng.standard_normal(400), u[:, None])
+    tests = {t.name: t for t in further_tests(given)}
     assert tests["input squares"].dof == 0
     assert tests["input squares"].passed
     assert "two levels" in tests["input squares"].sentence
@@ -110,11 +120,11 @@ def test_several_records_and_missing_residuals() -> None:
     errors = [rng.standard_normal(300), rng.standard_normal(200)]
     inputs = [rng.standard_normal((n, 2)) for n in (300, 200)]
     errors[0][:5] = np.nan
-    tests = further_tests(errors, inputs, input_names=("a", "b"))
+    tests = further_tests(OutputResiduals.of(errors, inputs, input_names=("a", "b")))
     assert tuple(t.name for t in tests) == FURTHER
     assert all(np.isfinite(t.p_value) and t.dof > 0 for t in tests)
     with pytest.raises(DataError):
-        further_tests(rng.standard_normal(10), rng.standard_normal((10, 1)))
+        OutputResiduals.of(rng.standard_normal(10), rng.standard_normal((10, 1)))
 
 
 # ------------------------------------------------------------------ with fitted models

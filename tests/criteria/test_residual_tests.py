@@ -17,12 +17,8 @@ from studies import residual_tests as study
 from studies.residual_correlations import autocorrelation, cross_correlation
 from sysid.criteria import portmanteau
 from sysid.criteria.coloured import ar_fit
-from sysid.criteria.residuals import (
-    feedback_test,
-    independence_test,
-    residual_report,
-    whiteness_test,
-)
+from sysid.criteria.output_residuals import OutputResiduals
+from sysid.criteria.residuals import residual_report, whiteness_test
 from sysid.errors import DataError
 
 laws = settings(max_examples=12, deadline=None, derandomize=True)
@@ -72,7 +68,7 @@ def test_independence_is_its_definition(
     e, u, j = _draw(1)
     if missing:
         e[[0, 1, 2, 200]] = np.nan
-    found = independence_test(e, u, j, lags=5)
+    found = OutputResiduals.of(e, u, j).independence(5)
     # u₁(t) is a column of J but Z lacks its first rows, so 12 instruments remain, one of them
     # nearly spent: C is conditioned like 1e3
     assert found.statistic == pytest.approx(_dense_independence(e, u, j, 5), rel=1e-8)
@@ -96,9 +92,12 @@ def test_units_and_parametrisation_do_not_matter(seed: int, first: float, second
     e, u, j = _draw(seed)
     mixed = j @ np.random.default_rng(seed).uniform(1.0, 2.0, (3, 3)) @ np.diag([1.0, 1e-6, 1e6])
     units = 10.0 ** np.array([first, second])
-    for test in (independence_test, feedback_test):
-        plain = test(e, u, j)
-        moved = test(10.0**second * e - 3.0, u * units + units, mixed)
+    one = OutputResiduals.of(e, u, j)
+    other = OutputResiduals.of(10.0**second * e - 3.0, u * units + units, mixed)
+    for plain, moved in (
+        (one.independence(), other.independence()),
+        (one.feedback(), other.feedback()),
+    ):
         # the fit of the shifted residual and the mixed basis cost digits: 1e-16 · 1e6 · cond
         assert moved.statistic == pytest.approx(plain.statistic, rel=1e-5)
         assert (moved.dof, moved.worst_lag) == (plain.dof, plain.worst_lag)
@@ -109,8 +108,8 @@ def test_units_and_parametrisation_do_not_matter(seed: int, first: float, second
 def test_collinear_inputs_add_no_evidence(seed: int) -> None:
     """Two inputs always commanded alike are one input."""
     e, u, j = _draw(seed, nu=1)
-    once = independence_test(e, u, j, lags=10)
-    twice = independence_test(e, np.column_stack([u, 2.0 * u, u]), j, lags=10)
+    once = OutputResiduals.of(e, u, j).independence(10)
+    twice = OutputResiduals.of(e, np.column_stack([u, 2.0 * u, u]), j).independence(10)
     assert twice.dof == once.dof
     assert twice.statistic == pytest.approx(once.statistic, rel=1e-6)
 
@@ -122,8 +121,9 @@ def test_no_correlation_crosses_a_border_between_records() -> None:
     e = [0.1 * rng.standard_normal(30) for _ in range(40)]
     for before, after in zip(u[:-1], e[1:], strict=True):
         after[0] += 3.0 * before[-1, 0]
-    assert not independence_test(np.concatenate(e)[10:], np.concatenate(u)[10:], lags=5).passed
-    assert independence_test(e, u, lags=5).passed
+    whole = OutputResiduals.of(np.concatenate(e)[10:], np.concatenate(u)[10:])
+    assert not whole.independence(5).passed
+    assert OutputResiduals.of(e, u).independence(5).passed
     inside = cross_correlation(e, u, lags=2)
     across = cross_correlation(np.concatenate(e), np.concatenate(u), lags=2)
     # across: the 39 followers hold nearly all of ε's energy, so r ≈ √(39/1200) = 0.18 against a
@@ -192,7 +192,7 @@ def test_p_values_of_right_models_are_uniform() -> None:
     draws = [case.simulate(np.random.default_rng([9, s]), 1000) for s in range(100)]
     for p in (
         [whiteness_test(d.errors, d.jacobian).p_value for d in draws],
-        [independence_test(d.errors, d.inputs, d.jacobian).p_value for d in draws],
+        [OutputResiduals.of(d.errors, d.inputs, d.jacobian).independence().p_value for d in draws],
     ):
         gap = np.abs(np.sort(p) - (np.arange(100) + 0.5) / 100).max()
         assert gap < 1.95 / np.sqrt(100)
@@ -225,7 +225,8 @@ def test_the_missing_lag_and_signal_are_named() -> None:
     u = rng.standard_normal((1000, 2))
     e = rng.standard_normal(1000)
     e[7:] += 0.5 * u[:-7, 1]
-    found = independence_test(e, u, input_names=("pwm_l", "pwm_r"), output_name="omega_l")
+    given = OutputResiduals.of(e, u, input_names=("pwm_l", "pwm_r"), output="omega_l")
+    found = given.independence()
     assert (found.worst_signal, found.worst_lag, found.passed) == ("pwm_r", 7, False)
     for word in ("omega_l", "pwm_r 7 samples earlier", "delay nk"):
         assert word in found.sentence
@@ -287,19 +288,19 @@ def test_level_is_shared_among_the_outputs() -> None:
 @pytest.mark.parametrize(
     ("test", "errors", "inputs", "dof", "says"),
     [
-        (independence_test, np.zeros(100), np.ones((100, 1)), 0, "excite"),
-        (independence_test, _draw(1)[0], np.ones((400, 1)), 0, "excite"),
-        (independence_test, _draw(1)[0], np.zeros((400, 0)), 0, "excite"),
-        (independence_test, np.zeros(400), _draw(1)[1], 0, "excite"),
-        (feedback_test, _draw(1)[0], np.sin(0.3 * np.arange(400)), 0, "predictable"),
-        (feedback_test, _draw(1)[0], np.ones(400), 0, "predictable"),
+        ("independence", np.zeros(100), np.ones((100, 1)), 0, "excite"),
+        ("independence", _draw(1)[0], np.ones((400, 1)), 0, "excite"),
+        ("independence", _draw(1)[0], np.zeros((400, 0)), 0, "excite"),
+        ("independence", np.zeros(400), _draw(1)[1], 0, "excite"),
+        ("feedback", _draw(1)[0], np.sin(0.3 * np.arange(400)), 0, "predictable"),
+        ("feedback", _draw(1)[0], np.ones(400), 0, "predictable"),
     ],
     ids=["all-zero", "constant", "no-input", "perfect-model", "sine", "constant-future"],
 )
 def test_nothing_to_test_passes_and_says_so(
-    test: type[None], errors: np.ndarray, inputs: np.ndarray, dof: int, says: str
+    test: str, errors: np.ndarray, inputs: np.ndarray, dof: int, says: str
 ) -> None:
-    found = test(errors, inputs)  # type: ignore[call-arg]
+    found = getattr(OutputResiduals.of(errors, inputs), test)()
     assert (found.dof, found.p_value, found.passed, found.worst_lag) == (dof, 1.0, True, None)
     assert says in found.sentence
 
@@ -322,14 +323,14 @@ def test_short_records_get_fewer_lags(samples: int) -> None:
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda e, u, j: independence_test(e[:10], u[:10], j[:10]), "at least 20 are needed"),
-        (lambda e, u, j: independence_test(e, u[:-1], j), "inputs of"),
-        (lambda e, u, j: independence_test(e, u, j[:-1]), "Jacobians of"),
-        (lambda e, u, j: independence_test(e, np.where(u > 1, np.nan, u), j), "not finite"),
-        (lambda e, u, j: independence_test(np.where(e > 1, np.inf, e), u, j), "unstable"),
+        (lambda e, u, j: OutputResiduals.of(e[:10], u[:10], j[:10]), "at least 20 are needed"),
+        (lambda e, u, j: OutputResiduals.of(e, u[:-1], j), "inputs of"),
+        (lambda e, u, j: OutputResiduals.of(e, u, j[:-1]), "Jacobians of"),
+        (lambda e, u, j: OutputResiduals.of(e, np.where(u > 1, np.nan, u), j), "not finite"),
+        (lambda e, u, j: OutputResiduals.of(np.where(e > 1, np.inf, e), u, j), "unstable"),
         (lambda e, u, j: whiteness_test(np.where(e > 1, np.inf, e)), "unstable"),
-        (lambda e, u, j: independence_test(u, u), "one output"),
-        (lambda e, u, j: feedback_test(np.full(400, np.nan), u), "no residual"),
+        (lambda e, u, j: OutputResiduals.of(u, u), "one output"),
+        (lambda e, u, j: OutputResiduals.of(np.full(400, np.nan), u), "no residual"),
         (lambda e, u, j: whiteness_test(np.full(400, np.nan)), "at least 20 are needed"),
         (lambda e, u, j: residual_report(u, u, [j]), "one for each"),
         (lambda e, u, j: cross_correlation(e, u[:5]), "inputs of"),

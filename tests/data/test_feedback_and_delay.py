@@ -277,7 +277,51 @@ def test_an_input_that_goes_its_own_way_follows_no_law() -> None:
         u = INPUTS[sorted(INPUTS)[seed % 6]](rng, 400)
         pole, late, noise = (0.9, 1.0, 0.995)[seed % 3], seed // 6 % 2, (0.0, 0.05)[seed % 2]
         y = lfilter([0.0] * late + [1.0], [1.0, -pole], u) + noise * rng.standard_normal(len(u))
-        assert control_law([Record(u[:, None], y[:, None], DT)], 0, 0) is None, seed
+        law = control_law([Record(u[:, None], y[:, None], DT)], 0, 0)
+        assert law is None or not law.integrates, seed
+        if noise:
+            assert law is None or not law.computed, seed
+
+
+LAWS = {
+    "P": (2.0, 0.0, 0.0, 4),
+    "P of a coarse command": (2.0, 0.0, 0.0, 1),
+    "PD": (2.0, 0.0, 0.1, 4),
+    "PID": (2.0, 0.5, 0.1, 4),
+}
+"""Gain, integral [1/s] and derivative [s] parts, and digits of the command."""
+
+
+@pytest.mark.parametrize("words", LAWS)
+def test_a_resting_set_point_leaves_no_model_whatever_the_law(words: str) -> None:
+    """u holds nothing that y does not: the model would be the controller's inverse, or worse."""
+    gain, integral, derivative, digits = LAWS[words]
+    rng, n = np.random.default_rng(0), 1500
+    disturbance = lfilter([0.2], [1.0, -0.9], rng.standard_normal(n))
+    u, y, x, total, last = np.zeros(n), np.zeros(n), 0.0, 0.0, 0.0
+    for k in range(n):
+        y[k] = round(x + disturbance[k], 4)
+        total += integral * 0.1 * -y[k]
+        u[k] = round(-gain * y[k] + total - derivative * (y[k] - last) / 0.1, digits)
+        last = y[k]
+        x = 0.95 * x + 0.08 * u[k]
+    facts = LogFacts((Record(u[:, None], y[:, None], 0.1),))
+    assert facts.laws_alone
+    found = identify(facts, (), Request(("arx",)), inspect=True)
+    (response,) = step_responses(found.assessments[0].model)
+    assert np.isinf(response.gain.std_error)
+
+
+def test_who_says_that_a_plant_passes_on_at_once_is_believed() -> None:
+    """y = 1.6 u, exactly: the plant, or what a gain of 0.6 computes from it. With noise: plant."""
+    u = np.round(np.random.default_rng(0).standard_normal(1000), 4)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(1000)
+    errors = []
+    for y, orders in ((1.6 * u, None), (1.6 * u, "na=1 nb=1 nk=0"), (1.6 * u + noise, None)):
+        facts = LogFacts((Record(u[:, None], np.round(y, 4)[:, None], 0.1),))
+        found = identify(facts, (), Request(("arx",), orders=orders), inspect=True)
+        errors.append(step_responses(found.assessments[0].model)[0].gain.std_error)
+    assert np.isfinite(errors).tolist() == [False, True, True]
 
 
 @pytest.mark.parametrize("moving", [False, True])

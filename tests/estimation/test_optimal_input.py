@@ -56,7 +56,6 @@ def test_a_design_beats_random_switching_and_says_what_it_reaches() -> None:
     s, samples = subject(LAG), 100
     limits = Limits(np.array([[-1.0, 1.0]]), np.array([[-3.0, 3.0]]))
     found = optimal_input(s, samples, limits, rounds=10)
-    assert np.all(np.diff(found.course) >= 0.0)
     rng = np.random.default_rng(2)
     volumes = []
     for held in (0, 1, 2, 5, 10, 20):

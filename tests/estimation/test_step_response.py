@@ -7,10 +7,12 @@ import pytest
 from command_line import Capture, run, write_log
 from scipy.signal import cont2discrete, lfilter
 
+from sysid.data.documents import by_field, parsed, text
 from sysid.data.record import Channel, Record
 from sysid.data.schema import checked
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.pem import fit
+from sysid.estimation.soundness import undetermined
 from sysid.fitting.options import FitOptions
 from sysid.report.step_words import step_sentences, with_error
 from sysid.structures.registry import structure_class
@@ -181,6 +183,14 @@ def test_fit_and_show_begin_with_what_the_model_means(tmp_path, capsys: Capture)
     document = run(capsys, "show", name, "--json", *place).document
     kept = checked(tuple[StepResponse, ...], document["report"]["step_response"])
     assert step_sentences(kept)[0] in shown
+
+
+def test_what_is_not_determined_is_said_of_a_stored_model_too() -> None:
+    """A document has null for an infinite error: read back it is infinite again, not clear."""
+    said = step_responses(undetermined(model_of(two_lags())))
+    stored = checked(tuple[StepResponse, ...], parsed(text([by_field(r) for r in said])))
+    assert stored[0].gain.std_error == np.inf
+    assert step_sentences(stored) == ("volt → speed: not determined by these data.",)
 
 
 def test_three_time_constants_are_a_list() -> None:

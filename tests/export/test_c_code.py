@@ -10,7 +10,7 @@ from c_programs import COMPILER, FLAGS, build, driven, needs_compiler, worst_err
 from plant_models import ORDERS, bench_model, robot_model
 
 from sysid.errors import ModelError
-from sysid.export.c.source import c_sources
+from sysid.export.c.step import c_sources
 from sysid.plant.selftest import make_selftest
 from sysid.structures.base import Structure
 

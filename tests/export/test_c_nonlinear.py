@@ -15,8 +15,7 @@ from sysid.data.record import Array
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
 from sysid.export.c.parameters import theta_numbers
-from sysid.export.c.source import c_sources
-from sysid.export.c.step import c_step, tunable_parameters
+from sysid.export.c.step import c_sources, c_step, tunable_parameters
 from sysid.export.package import package_files
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest

@@ -9,8 +9,7 @@ from plant_models import robot_model
 import sysid
 from sysid.export.package import PLANT_ALONE, Form, package_files
 from sysid.export.verification import runtimes
-from sysid.export.verification.cortex_m import CORTEX_M4, CortexM
-from sysid.export.verification.runtimes import Result
+from sysid.export.verification.runtimes import CORTEX_M4, CortexM, Result
 from sysid.robot.mission.spec import load_mission
 
 MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"

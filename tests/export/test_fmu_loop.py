@@ -16,7 +16,7 @@ from plant_models import bench_model, robot_model
 import sysid
 from sysid.errors import ModelError
 from sysid.export.fmu import archive
-from sysid.export.fmu.wiring import wiring_of
+from sysid.export.fmu.loop_units import wiring_of
 from sysid.export.package import Form, package_files, write_package
 from sysid.export.verification.co_simulated import FOLDERS
 from sysid.export.verification.verify import verify

@@ -13,8 +13,7 @@ from plant_models import bench_model, robot_model
 
 from sysid.data.record import Array
 from sysid.export.c.names import RESERVED, distinct, identifier
-from sysid.export.c.source import c_sources
-from sysid.export.c.step import tunable_parameters
+from sysid.export.c.step import c_sources, tunable_parameters
 from sysid.plant.selftest import make_selftest
 from sysid.structures.linear.families import ARX
 

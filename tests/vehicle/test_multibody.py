@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sysid_datasets.multibody import Drive, Machine, drive, schedule
+from sysid_datasets.multibody import Drive, Machine, drive, schedule, scrub
 
 from sysid.data.record import Array
 from sysid.vehicle.dynamics import VehicleState, step, substeps_for
@@ -18,7 +18,7 @@ pytest.importorskip("mujoco", reason="the extra physics is not installed")
 
 DT = 0.02
 MACHINE = Machine()
-MOMENT, WIDTH = MACHINE.scrub
+MOMENT, WIDTH = scrub(MACHINE)
 MOTOR = Bench().motor(1.0)
 
 RIGID = 1e-6

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.vehicle.motors import Bench, Motor
 from sysid.vehicle.tracked import G
 from sysid.vehicle.wheels.body import box_inertia
 from sysid.vehicle.wheels.mjcf_parts import (
@@ -48,13 +47,11 @@ SLACK = 1.0 + 1e-6
 """Of two principal moments the sum is not below the third, rounding included."""
 
 
-PER_VOLT = Bench().motor(1.0)
-"""The thesis's motor and gear (2.53–2.61, §5.2), driven by volts."""
-
-
 @dataclass(frozen=True)
 class Machine:
-    """A box on two rows of wheels.
+    """A box on two rows of wheels whose speeds servos hold.
+
+    Without anything else it is the vehicle of the thesis's simulation in Gazebo (7.2.2, 8.2).
 
     Attributes:
         mass: of the whole [kg].
@@ -66,12 +63,10 @@ class Machine:
         centre: how far the centre of mass lies ahead of the middle of the wheels [m].
         wheels: of one row; an even number.
         friction: between wheels and floor [1].
-        rolling: rolling resistance over load [1]; a servo gives what it takes.
-        motor: of each side, driven by volts; None for a servo that holds the speed of its wheels.
     """
 
     mass: float = 1.5
-    yaw_inertia: float | None = 0.02
+    yaw_inertia: float | None = None
     r: float = 0.0215
     B: float = 0.186
     L: float = 0.14
@@ -79,9 +74,7 @@ class Machine:
     height: float = 0.03
     centre: float = 0.0
     wheels: int = ROAD_WHEELS
-    friction: float = 0.6
-    rolling: float = 0.03
-    motor: Motor | None = PER_VOLT
+    friction: float = 0.1
 
     @property
     def places(self) -> Array:
@@ -94,38 +87,22 @@ class Machine:
         return self.mass * G / (2 * self.wheels)
 
     @property
-    def scrub(self) -> tuple[float, float]:
-        """Turning on the spot on points of isotropic friction: moment [Nm], effective width [m].
+    def axle(self) -> Axle:
+        """What turns with the wheels of a row, and what resists."""
+        return Axle(SERVO_INERTIA * self.mass * self.r**2)
 
-        Every wheel slides with (c, ψ̇x) and is pushed back by μN along it. Both rows must give the
-        moment that the sideways parts need, which settles the creep c:
-
-            B Σ c/√(c² + x²) = 2 Σ x²/√(c² + x²)    (c in units of ψ̇; sums over one row)
-
-        The moment on the sprockets is B/2 of the forces forward, and rω = ψ̇(B/2 + c).
-        """
-        x2 = self.places**2
-        low, high = 0.0, self.L
-        for _ in range(60):
-            c = 0.5 * (low + high)
-            size = np.sqrt(c * c + x2)
-            more = self.B * float(np.sum(c / size)) < 2.0 * float(np.sum(x2 / size))
-            low, high = (c, high) if more else (low, c)
-        forward = self.friction * self.load * float(np.sum(c / np.sqrt(c * c + x2)))
-        return forward * self.B, self.B + 2.0 * c
+    @property
+    def actuators(self) -> list[str]:
+        """What drives the rows."""
+        return [row.servo() for row in self.rows]
 
     @property
     def rows(self) -> tuple[Row, Row]:
         """The left and the right track."""
-        axle = Axle(SERVO_INERTIA * self.mass * self.r**2)
-        if self.motor is not None:
-            m = self.motor
-            rolling = self.rolling * self.load * self.wheels * self.r
-            axle = Axle(float(m.inertia), float(m.damping), float(m.friction) + rolling)
         mass = WHEEL_SHARE * self.mass * ROAD_WHEELS / self.wheels
         common = (self.r, tuple(self.places.tolist()), self.r, mass, self.load)
         left, right = (
-            Row(side, y, *common, self.friction, axle)
+            Row(side, y, *common, self.friction, self.axle)
             for side, y in (("left", 0.5 * self.B), ("right", -0.5 * self.B))
         )
         return left, right
@@ -177,9 +154,6 @@ def scene(
 ) -> str:
     """The machine on its floor, in MuJoCo's XML.
 
-    Its wheels' joints carry motor, gear and rolling resistance, which acts on the sprocket as the
-    force on the vehicle does: r μr N. Without a motor two servos hold the speeds of the rows.
-
     Args:
         step: of the engine [s].
         start: x, y [m] and ψ [rad] of the middle of the wheels.
@@ -192,8 +166,6 @@ def scene(
         ["<freejoint/>", *machine.body, *(line for row in rows for line in row.wheels)],
         f' name="box" pos="{words((x, y, 0.0))}" quat="{turn}"',
     )
-    motor = machine.motor
-    acting = [row.servo() if motor is None else row.motor(float(motor.torque)) for row in rows]
     return "\n".join(
         block(
             "mujoco",
@@ -201,7 +173,7 @@ def scene(
                 *options(step),
                 *block("worldbody", [*floor(machine.friction), *around, *body]),
                 *block("equality", [line for row in rows for line in row.together]),
-                *block("actuator", acting),
+                *block("actuator", machine.actuators),
             ],
         )
     )

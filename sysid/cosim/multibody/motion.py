@@ -20,9 +20,7 @@ from sysid.robot.mission.vehicle_spec import Physics
 from sysid.vehicle.kinematics import Real
 from sysid.vehicle.wheels.mjcf_parts import ROAD_WHEELS, STEP
 
-STAND_IN = Machine(yaw_inertia=None, friction=0.1, motor=None)
-"""The vehicle of the thesis's simulation in Gazebo (7.2.2, 8.2): box, 1.5 kg, friction 0.1."""
-
+STAND_IN = Machine()
 
 MOST_WHEELS = 20
 """Of a track; more of them only take longer."""

@@ -1,15 +1,16 @@
 """Test whether an input is a controller's instant answer to an output.
 
-A proportional-integral controller computes, with constants of each experiment,
+A controller computes, with constants of each experiment,
 
-    u(t) = a y(t) + b Σ_{k≤t} y(k) + c t + d,
+    u(t) = a y(t) + b Σ_{k≤t} y(k) + d y(t−1) + c t + e,
 
 and with the references in the log also what is proportional to r(t) and to its sum.
 
 In open loop, with a delay of at least one sample, y(t) knows nothing of what is new in u(t): the
 law can leave no less of the input than a prediction of u(t) from the past of u and y leaves. Where
-it leaves far less, y(t) decides u(t). A gain alone (b = 0) is not judged: an input that is passed
-on within the sample looks the same.
+it leaves far less, y(t) decides u(t). Without an integral part (b = 0) the same is left by a plant
+that passes its input on within the sample, y(t) = (u(t) − d y(t−1))/a: such a law says no more than
+that it holds. One with an integral part would be that of a plant without static gain.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.impulse import least_squares
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
 
 EXACT = 0.01
 """Share of the input's variance that a law may leave."""
@@ -32,20 +33,38 @@ NEEDED = 4.0
 PAST = 4
 """Samples of the past."""
 
+OPEN = 0.05
+"""Share of the input's variance that its past must leave open for a law without an integral part:
+a smooth input follows from its past, and so from an output that it moves."""
+
+ROUNDED = 4.0
+"""Variances of rounding (a twelfth of the squared last digit) that what is left may have."""
+
+LAWS = (("y", "sum"), ("y", "before", "sum"), ("y",), ("y", "before"))
+"""Terms of the laws, in the order in which they are tried: PI, PID, P, PD."""
+
 
 @dataclass(frozen=True)
 class ControlLaw:
-    """u = gain·(y + Σ y dt / integral_time) + …, gain in the units of the record.
+    """u = gain·(y + Σ y dt / integral_time + …) + …, gain in the units of the record.
 
     Attributes:
-        gain: what one unit of the output changes in the input at once.
-        integral_time: [s].
+        gain: what one unit of the output changes in the input for good.
+        integral_time: [s]; infinite without an integral part.
         explained: share of the input's variance, 0 … 1.
+        computed: whether the output at this instant decides the input but for the rounding of both,
+            as what a computer has computed from the column does, and no sensor.
     """
 
     gain: float
     integral_time: float
     explained: float
+    computed: bool
+
+    @property
+    def integrates(self) -> bool:
+        """Whether it has an integral part, so that no plant looks like it."""
+        return bool(np.isfinite(self.integral_time))
 
 
 def control_law(records: Sequence[Record], i: int, j: int) -> ControlLaw | None:
@@ -69,18 +88,44 @@ def control_law(records: Sequence[Record], i: int, j: int) -> ControlLaw | None:
         u.append(of_u[PAST:])
     if not usable:
         return None
-    lines, target = np.concatenate(line), np.concatenate(u)
-    terms = {"y": np.concatenate(y), "sum": np.concatenate(total)}
-    theta, rest = least_squares(np.column_stack([*terms.values(), lines]), target)
-    left = float(rest @ rest)
+    lines, target, before = np.concatenate(line), np.concatenate(u), np.concatenate(past)
+    terms = {"y": np.concatenate(y), "before": before[:, 0], "sum": np.concatenate(total)}
     spread = float(np.sum((target - target.mean()) ** 2))
-    columns = np.column_stack([np.concatenate(past), np.ones(len(target))])
-    others = [*(np.column_stack([x, lines]) for x in terms.values()), columns]
-    without = [float(np.sum(least_squares(X, target)[1] ** 2)) for X in others]
-    needed = NEEDED * max(left, 1e-12 * spread)
-    if left > EXACT * spread or left > DECIDED * without[-1] or min(without) < needed:
-        return None
-    gain, rate = float(theta[0]), float(theta[1]) / records[0].dt
-    if gain * rate <= 0.0:  # an integral part pushes the way of the proportional one
-        return None
-    return ControlLaw(gain, gain / rate, 1.0 - left / spread)
+    unknown = _left(np.column_stack([before, np.ones(len(target))]), target)
+    for law in LAWS:
+        if "sum" not in law and unknown < OPEN * spread:
+            return None
+        columns = [terms[name] for name in law]
+        theta, rest = least_squares(np.column_stack([*columns, lines]), target)
+        left = float(rest @ rest)
+        without = [
+            _left(np.column_stack([*(c for c in columns if c is not x), lines]), target)
+            for x in columns
+        ]
+        needed = NEEDED * max(left, 1e-12 * spread)
+        if left > EXACT * spread or left > DECIDED * unknown or min(*without, unknown) < needed:
+            continue
+        gain = float(theta[: 1 + ("before" in law)].sum())
+        rate = float(theta[len(law) - 1]) / records[0].dt if "sum" in law else 0.0
+        if gain * rate < 0.0:  # an integral part pushes the way of the proportional one
+            continue
+        time = gain / rate if rate else np.inf
+        step = _last_digit(target) + abs(gain) * _last_digit(terms["y"] + mean)
+        rounding = ROUNDED * step**2 / 12.0 * len(target)
+        fine = rounding < EXACT * spread  # else two levels would count as rounded, too
+        computed = law == ("y",) and fine and left <= max(rounding, 1e-12 * spread)
+        return ControlLaw(gain, time, 1.0 - left / spread, computed)
+    return None
+
+
+def _left(X: Array, target: Array) -> float:
+    """Squared errors of a regression."""
+    return float(np.sum(least_squares(X, target)[1] ** 2))
+
+
+def _last_digit(x: Array) -> float:
+    """The decimal that a column is written to; 0 beyond nine of them."""
+    for decimals in range(10):
+        if np.max(np.abs(np.round(x, decimals) - x)) < 1e-12 * np.max(np.abs(x)):
+            return float(10.0**-decimals)
+    return 0.0

@@ -111,10 +111,13 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
 
 def _response(test: FeedbackTest) -> str:
     if test.law is not None:
+        law = test.law
+        kind, time = "law", f", {_chance(test.p_value)}"
+        if law.integrates:
+            kind, time = "proportional-integral law", f", integral time {law.integral_time:.3g} s"
         return (
-            f"{test.output} within the sample by a proportional-integral law (gain "
-            f"{test.law.gain:.3g} {test.input} for 1 {test.output}, integral time "
-            f"{test.law.integral_time:.3g} s)"
+            f"{test.output} within the sample by a {kind} (gain {law.gain:.3g} {test.input} for 1 "
+            f"{test.output}{time})"
         )
     if test.reference:
         return f"{test.reference} - {test.column or test.output} ({_chance(test.p_value)})"

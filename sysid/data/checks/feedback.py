@@ -97,8 +97,9 @@ class FeedbackTest:
             outputs does.
         column: the unused column, moved by the output, of whose difference to the reference that
             is; empty where it is the output's own.
-        law: the proportional-integral law by which the input follows the output within the sample,
-            None where it follows none.
+        law: by which the input follows the output within the sample, None where it follows none,
+            or where it may as well be that of a plant. It alone, without ``seen``, does not say
+            which of the two computes the other.
         share: part of the output's innovations that future inputs explain, or part of the input's
             unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
     """
@@ -143,11 +144,7 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         clearest = min(of_output, key=lambda t: t.p_value)
         p_value = min(1.0, len(by_test) * clearest.p_value)
         test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
-        if not test.sure:
-            test = _by_law(records, test)
-        elif all(r.references is None for r in records):
-            test = replace(test, law=_by_law(records, test).law)
-        tests.append(test)
+        tests.append(_by_law(records, test))
     with_references = at_most(with_reference(records), MAX_SAMPLES)
     if not with_references:
         return tuple(tests)
@@ -177,13 +174,23 @@ def _by_column(records: Sequence[Record], i: int, test: FeedbackTest) -> Feedbac
 
 
 def _by_law(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
-    """The verdict, of the input that follows the output by a law where there is one."""
+    """The verdict, of the input that follows the output by a law where there is one.
+
+    A law with an integral part is a verdict by itself. Another one says which way it is only where
+    the tests have shown feedback, or where it leaves nothing but rounding.
+    """
     i = records[0].output_names.index(test.output)
+    alone = all(r.references is None for r in records)
     for j, name in enumerate(records[0].input_names):
         law = control_law(records, i, j)
-        if law is not None:
-            moving = _moves(records, j)
+        if law is None:
+            continue
+        moving = _moves(records, j)
+        if law.integrates and not test.sure:
             return FeedbackTest(test.output, name, 0.0, law.explained, moving=moving, law=law)
+        known = law.integrates or (moving and (test.p_value < SURE or law.computed))
+        if alone and known:
+            return replace(test, input=name, moving=moving, law=law)
     return test
 
 

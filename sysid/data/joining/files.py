@@ -34,7 +34,7 @@ from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.counters import counted
 from sysid.data.reading.pose_columns import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, median_step, row_times
+from sysid.data.reading.row_times import median_step, row_times
 from sysid.data.reading.stale import between_measurements, refreshed
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
@@ -158,8 +158,7 @@ def _brought(
 
 
 def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:
-    read = ColumnReader(table)
-    column = find_time(table.names, read, ()) if time is None else TimeColumn(time)
+    column = find_time(table.names, table) if time is None else TimeColumn(time)
     if column is None and ts is None:
         raise DataError(
             f"{table.where} has no time column; files are joined by time, so name one with `time`"
@@ -193,8 +192,7 @@ def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[st
 
 def _numbers(table: Table, names: Sequence[str]) -> dict[str, Array]:
     """The columns that hold numbers, with NaN in empty cells."""
-    read = ColumnReader(table)
-    columns = {name: read(name) for name in names}
+    columns = {name: table.read(name) for name in names}
     return {n: c for n, c in columns.items() if c is not None and np.isfinite(c).any()}
 
 
@@ -273,7 +271,6 @@ def _wheels_and_pose(
     pose = find_pose(tuple(known)).names
     if not pose:
         return None
-    read = ColumnReader(log.table)
     other_columns = [n for n in log.table.names if n not in log.clock]
     wanted = options.outputs or options.speed_of
     outputs: dict[str, None] = {}
@@ -284,7 +281,7 @@ def _wheels_and_pose(
             outputs |= dict.fromkeys(n for n in chosen if n in other_columns)
     rolled = []
     for name in outputs:
-        column = read(name)
+        column = log.table.read(name)
         if column is None or not np.isfinite(column).all():
             return None
         if name in options.speed_of:

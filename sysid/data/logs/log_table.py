@@ -11,7 +11,6 @@ from sysid.data.column_words import words
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader
 from sysid.data.reading.table import Rows, Table, read_table
 from sysid.data.reading.time_column import find_time, is_time
 from sysid.data.unit_words import word_set
@@ -46,9 +45,8 @@ def wide(table: Table) -> Table:
         return table
     numbers = table.columns((values,))[:, 0]
     others = [n for n in table.names if n not in (names, values)]
-    read = ColumnReader(table)
-    time = find_time(others, None) or find_time(others, read)
-    t = read(time.name) if time is not None else None
+    time = find_time(others, None) or find_time(others, table)
+    t = table.read(time.name) if time is not None else None
     if time is None or t is None:
         return table
     _, first, row = np.unique(t, return_index=True, return_inverse=True)

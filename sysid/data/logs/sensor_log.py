@@ -19,7 +19,7 @@ from sysid.data.reading.columns import NO_INPUT
 from sysid.data.reading.decisions import time_words
 from sysid.data.reading.pose_reading import pose_in_si
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import numbered_clock, row_times
+from sysid.data.reading.row_times import row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -108,13 +108,12 @@ def read_sensor_log(
         block = table.columns((*choice.outputs, *choice.pose))
         block, findings = pose_in_si(block, choice, pose_units, table.where)
         pose = block[:, -3:]
-    stamps = table.columns(numbered_clock(table, choice.clock)[:1]).ravel()
     taken = ", ".join(
         f"{n} from {c} [{_unit(table, known[n], c, options.units) or known[n].unit or 'no unit'}]"
         for n, c in places.items()
     )
     read_as = (
-        Decision("time", time_words(table, choice, stamps, clock.t), ("time", "units")),
+        Decision("time", time_words(table, choice, clock.t), ("time", "units")),
         Decision("sensors", taken, ("sensor", "units")),
     )
     said = (*of_file, *without_time, *clock.findings, *findings)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from sysid.data.column_words import meaning, words
 from sysid.data.reading.pose_columns import PoseColumns, find_pose
 from sysid.data.reading.roles import Roles, roles
+from sysid.data.reading.table import Table
 from sysid.data.reading.text_layout import no_table
 from sysid.data.reading.time_column import (
-    Numbers,
-    Read,
     TimeColumn,
     counts_rows,
     find_time,
@@ -52,14 +51,11 @@ class Choice:
 
 
 def choose_columns(
-    names: Mapping[str, str] | Sequence[str],
+    source: Table | Mapping[str, str] | Sequence[str],
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     time: str | None = None,
-    where: str = "log",
-    read: Read | None = None,
     timed: bool = False,
-    signal: Numbers | None = None,
 ) -> Choice:
     """Say which column is what.
 
@@ -67,13 +63,11 @@ def choose_columns(
     columns are taken that alone can be the input and the output by their names (``roles``).
 
     Args:
-        names: the columns, with the units that stand behind them in the file where these are known.
+        source: the log; or its columns alone, with the units that stand behind them in the file
+            where these are known, to go by names alone.
         inputs, outputs: names asked for; empty to go by convention.
         time: the time column asked for; None to go by name.
-        read: reads a column as numbers, to see which one rises as a time does; None to go by
-            names alone.
         timed: whether the sample time is known from elsewhere, so that no column need state it.
-        signal: reads a column that can be a signal, None for dates and text; ``read`` without.
 
     Raises:
         DataError: no columns hold numbers.
@@ -81,20 +75,23 @@ def choose_columns(
             or is the time.
         UnclearColumnsError: several columns can be an input or output by their names, or none can.
     """
-    units = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, "")
-    names = tuple(names)
+    table = source if isinstance(source, Table) else None
+    columns = source.brackets if isinstance(source, Table) else source
+    where, signal = ("log", None) if table is None else (table.where, table.signal)
+    units = dict(columns) if isinstance(columns, Mapping) else dict.fromkeys(columns, "")
+    names = tuple(units)
     has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
     given_u = tuple(whole_name(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
     given_y = tuple(whole_name(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(given_u, given_y, where)
-    clock = _clock(units, given_u, given_y, time, where, read, timed)
+    clock = _clock(units, given_u, given_y, time, table, timed)
     taken = () if clock is None else clock.columns
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
-    free = [n for n in free if not counts_rows(n, read)]
+    free = [n for n in free if not counts_rows(n, table)]
     pose_columns = find_pose(free)
-    signals = [n for n in free if not is_clock(read, n)]
+    signals = [n for n in free if not is_clock(table, n)]
     in_pose = (*pose_columns.names, *pose_columns.alike)
-    both = roles({n: units[n] for n in signals}, given_u, given_y, in_pose, signal or read)
+    both = roles({n: units[n] for n in signals}, given_u, given_y, in_pose, signal)
     if not (both.outputs or inputs) and len(signals) == 1:
         both = Roles((), (tuple(signals),))
     by_itself = len(both.outputs) == 1 and {*signals} <= {*both.outputs[0]} and not inputs
@@ -135,28 +132,28 @@ def _clock(
     given_u: tuple[str, ...],
     given_y: tuple[str, ...],
     time: str | None,
-    where: str,
-    read: Read | None,
+    table: Table | None,
     timed: bool,
 ) -> TimeColumn | None:
     """The time column; a signal asked for that is the time is refused."""
     names = tuple(units)
+    where, read = ("log", None) if table is None else (table.where, table.read)
     given = (*given_u, *given_y)
     if time is not None:
         name = whole_name(time, names, "`time`", where)
         if name in given:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
-    by_itself = find_time(names, read, (), not timed)
+    by_itself = find_time(names, table, (), not timed)
     for name in given:
         named = is_time(name) or is_counter(name)
         if (
-            is_clock(read, name)
-            or (named and tells_time(read, name))
+            is_clock(table, name)
+            or (named and tells_time(table, name))
             or (by_itself is not None and by_itself.name == name and not named)
         ):
             side = "input" if name in given_u else "output"
-            others = [n for n in names if n not in given and not is_clock(read, n)]
+            others = [n for n in names if n not in given and not is_clock(table, n)]
             others = [n for n in others if not (is_time(n) or is_counter(n))]
             able = roles({n: units[n] for n in others}, (), (), (), read)
             likely = able.inputs if side == "input" else able.outputs
@@ -179,7 +176,7 @@ def _clock(
                 f"column {name} of {where} {what} and cannot be the {side}; name another column, "
                 f"{instead}"
             )
-    return find_time(names, read, given, not timed)
+    return find_time(names, table, given, not timed)
 
 
 def whole_name(name: str, names: Sequence[str], which: str, where: str) -> str:

@@ -19,7 +19,6 @@ from sysid.data.units import Conversion
 def decisions(
     table: Table,
     choice: Choice,
-    stamps: Array,
     t: Array,
     rows: int,
     records: Sequence[Record],
@@ -30,7 +29,6 @@ def decisions(
 
     Args:
         table, choice: the file and its columns.
-        stamps: the numbers of the time column, (N,), or none where it holds dates.
         t: instants of all rows [s], (N,).
         pose_units: of the pose; an angle of unknown unit has scale 0.
     """
@@ -44,7 +42,7 @@ def decisions(
     scaled = any(c.file_unit.startswith("±") for c in first.inputs)
     found = [
         *_of_text(table),
-        Decision("time", time_words(table, choice, stamps, t), ("time", "units")),
+        Decision("time", time_words(table, choice, t), ("time", "units")),
         Decision("dt", f"{first.dt:.6g} s", ("ts",)),
         Decision("in", inputs, ("inputs", "pwm_max" if scaled else "units")),
         Decision("out", _channels(first.outputs), ("outputs", "units")),
@@ -98,7 +96,7 @@ def _of_text(table: Table) -> list[Decision]:
     return said
 
 
-def time_words(table: Table, choice: Choice, stamps: Array, t: Array) -> str:
+def time_words(table: Table, choice: Choice, t: Array) -> str:
     """The time column and its unit, which the instants ``t`` [s] of its stamps show, (N,)."""
     clock = choice.clock
     if clock is None:
@@ -109,7 +107,7 @@ def time_words(table: Table, choice: Choice, stamps: Array, t: Array) -> str:
     if dates is not None:
         columns = " + ".join(table.date_and_clock(clock.name))
         return f"{columns} [dates{', ' * bool(dates.order)}{ORDERS.get(dates.order, '')}]"
-    d, seconds = np.diff(stamps), np.diff(t)
+    d, seconds = np.diff(table.columns((clock.name,))[:, 0]), np.diff(t)
     ahead = d > 0
     ratio = float(np.median(seconds[ahead] / d[ahead])) if ahead.any() else 1.0
     unit = min(UNIT_NAMES, key=lambda u: abs(np.log(max(ratio, 1e-12) / u)))

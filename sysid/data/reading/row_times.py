@@ -1,41 +1,20 @@
 """Instant of each row of a log, from its time column, a counter of rows, or ``ts`` alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.clock import FIRST_WHOLE, Clock, instants, stated_unit, unrolled
-from sysid.data.reading.table import Table, number_of
-from sysid.data.reading.time_column import Numbers, TimeColumn, is_steady
+from sysid.data.reading.table import Table
+from sysid.data.reading.time_column import TimeColumn, is_steady
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
 SAME_STEP = 0.01
 """Relative difference within which the sample times of option and time column agree."""
-
-
-@dataclass(frozen=True)
-class ColumnReader:
-    """Reads a column as numbers, or as seconds where it holds dates; None for other text."""
-
-    table: Table
-    _read: dict[str, Array | None] = field(default_factory=dict, compare=False, repr=False)
-
-    def __call__(self, name: str, /) -> Array | None:
-        if name not in self._read:
-            try:
-                dates = self.table.dates(name)
-                column = dates.elapsed if dates else self.table.columns((name,))[:, 0]
-                self._read[name] = column
-            except DataError:
-                self._read[name] = None
-        return self._read[name]
-
-    def is_date(self, name: str, /) -> bool:
-        return self.table.is_date(name)
 
 
 MORE_DIGITS = "log it with more digits"
@@ -46,9 +25,8 @@ MOST_SERIES = 50
 
 def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
     """What to do about a clock that stands: rows of several machines, another clock, or neither."""
-    read = ColumnReader(table)
     others = [n for n in table.names if column is not None and n != column.name]
-    time = None if column is None else read(column.name)
+    time = None if column is None else table.read(column.name)
     for name in others:
         keys, of = np.unique(table.texts(name), return_inverse=True)
         if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
@@ -56,7 +34,7 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
                 f"column {name} separates {len(keys)} series ({', '.join(keys[:3])}) with a "
                 "time each: write the rows of each to a file of its own"
             )
-    columns = {n: read(n) for n in others}
+    columns = {n: table.read(n) for n in others}
     clocks = [
         argument(time=n)
         for n, c in columns.items()
@@ -72,23 +50,6 @@ def _rises_in_each(time: Array, of: NDArray[np.intp]) -> bool:
     return len(of) == len(time) and bool(np.all(np.diff(time[order])[same] > 0))
 
 
-def signal_reader(table: Table) -> Numbers:
-    """Reads a column that can be a signal as ``ColumnReader`` does; None for dates and text.
-
-    Numbers that a few bad cells spoil can be one: what is chosen is refused with the first of them.
-    """
-    read = ColumnReader(table)
-
-    def numbers(name: str) -> Array | None:
-        values = read(name)
-        if values is not None:
-            return None if table.dates(name) is not None else values
-        cells = [number_of(text) for text in table.texts(name)]
-        return np.array(cells) if 2 * np.count_nonzero(np.isfinite(cells)) > len(cells) else None
-
-    return numbers
-
-
 def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
     """The columns of a clock that holds numbers; none where it holds dates or is not there."""
     if column is None or table.dates(column.name) is not None:
@@ -101,7 +62,6 @@ def row_times(
     column: TimeColumn | None,
     units: Mapping[str, str],
     ts: float | None,
-    numbers: Array | None = None,
 ) -> Clock:
     """Instants [s] of every row.
 
@@ -109,9 +69,8 @@ def row_times(
         column: its time column or counter, None where it has none.
         units: column name → unit by option.
         ts: sample time [s] by option, None to go by the column.
-        numbers: the columns of ``numbered_clock`` if they have been read, (N, 1) or (N, 2).
     """
-    clock = _row_times(table, column, units, ts, numbers)
+    clock = _row_times(table, column, units, ts)
     if column is None or column.over is None:
         return clock
     text = (
@@ -128,7 +87,6 @@ def _row_times(
     column: TimeColumn | None,
     units: Mapping[str, str],
     ts: float | None,
-    numbers: Array | None,
 ) -> Clock:
     where = table.where
     if column is None:
@@ -144,10 +102,10 @@ def _row_times(
             )
         elapsed, notes = unrolled(dates[0], column.name, where, table.place)
         return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
-    block = table.columns(numbered_clock(table, column)) if numbers is None else numbers
+    block = table.columns(numbered_clock(table, column))
     raw = block[:, 0]
     if not np.any(np.isfinite(raw)):  # LabVIEW's ``X_Columns No``: a name over nothing
-        return _row_times(table, None, units, ts, numbers)
+        return _row_times(table, None, units, ts)
     if column.fine:
         whole = raw - raw[0]
         origin = float(raw[0]) if raw[0] > FIRST_WHOLE else 0.0

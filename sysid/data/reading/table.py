@@ -63,6 +63,9 @@ class Table:
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
     date_order: str | None = None
     _numbers: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _read: dict[str, Array | None] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     _dates: dict[str, Dates | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )  # what ``dates`` has read: half a second for 10⁵ rows, asked for by the choice and the clock
@@ -150,6 +153,27 @@ class Table:
                 "number; correct or delete that line"
             )
         return values
+
+    def read(self, name: str) -> Array | None:
+        """A column as numbers, or as seconds where it holds dates; None for other text, (N,)."""
+        if name not in self._read:
+            try:
+                dates = self.dates(name)
+                self._read[name] = dates.elapsed if dates else self.columns((name,))[:, 0]
+            except DataError:
+                self._read[name] = None
+        return self._read[name]
+
+    def signal(self, name: str) -> Array | None:
+        """A column that can be a signal as ``read`` has it; None for dates and text.
+
+        Numbers that a few bad cells spoil can be one: what is chosen is refused with the first.
+        """
+        values = self.read(name)
+        if values is not None:
+            return None if self.dates(name) is not None else values
+        cells = [number_of(text) for text in self.texts(name)]
+        return np.array(cells) if 2 * np.count_nonzero(np.isfinite(cells)) > len(cells) else None
 
     def texts(self, name: str) -> list[str]:
         return list(self._cells(name, len(self)))

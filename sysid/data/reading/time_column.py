@@ -3,13 +3,16 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.data.column_words import meaning, words
 from sysid.data.record import Array
 from sysid.data.unit_words import word_set
+
+if TYPE_CHECKING:
+    from sysid.data.reading.table import Table
 
 TIME_COLUMNS = (
     *("t", "time", "t_s", "time_s", "timestamp", "timestamp_s"),
@@ -89,15 +92,6 @@ Numbers = Callable[[str], Array | None]
 """Column name -> its numbers, None where it holds none."""
 
 
-class Read(Protocol):
-    """Column name -> its numbers or dates as numbers, None where it holds neither."""
-
-    def __call__(self, name: str, /) -> Array | None: ...
-
-    def is_date(self, name: str, /) -> bool:
-        """Whether a column holds dates or times of day: it is a clock, whatever its name."""
-
-
 def unit_of(text: str) -> float | None:
     """The unit of time [s] that a word or bracket names, None where it names none."""
     return UNIT_WORDS.get(text.strip().strip("[]()").strip().lower().replace("μ", "µ"))
@@ -119,13 +113,13 @@ def is_counter(name: str) -> bool:
     return " ".join(named) in COUNTERS or name.strip() in ("#", "(no name)")
 
 
-def counts_rows(name: str, read: Read | None) -> bool:
+def counts_rows(name: str, table: "Table | None") -> bool:
     """Whether a column counts rows: its name says so, and nearly all its steps are the same."""
     if not is_counter(name):
         return False
-    column = None if read is None else read(name)
+    column = None if table is None else table.read(name)
     if column is None or len(column) < 2 or not np.all(np.isfinite(column)):
-        return read is None
+        return table is None
     d = np.diff(column)
     usual = float(np.median(d))
     return usual != 0.0 and float(np.mean(d == usual)) >= RISING
@@ -143,7 +137,7 @@ def is_time(name: str) -> bool:
 
 def find_time(
     names: Sequence[str],
-    read: Read | None,
+    table: "Table | None",
     skip: Sequence[str] = (),
     by_steps: bool = True,
 ) -> TimeColumn | None:
@@ -155,36 +149,36 @@ def find_time(
 
     Args:
         names: the columns, in the order of the file.
-        read: reads a column; None to go by names alone.
+        table: of these columns; None to go by names alone.
         by_steps: whether a first column may be the time by its steps alone; not where the
             sample time is known, and a column that stands still then states nothing either.
     """
     free = [n for n in names if n not in skip]
     named = [n for n in free if is_time(n)]
-    if read is not None:
-        dates = {n: read(n) for n in free if n not in named and read.is_date(n)}
-        named += [
-            n for n, c in dates.items() if c is None or _rises(c)
-        ]  # None: is said as it is read
+    if table is not None:
+        dates = {n: table.read(n) for n in free if n not in named and table.is_date(n)}
+        # None: is said as it is read
+        named += [n for n, c in dates.items() if c is None or _rises(c)]
     order = TIME_COLUMNS
     named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
-    if read is not None and (len(named) > 1 or named == ["T"]):
+    if table is not None and (len(named) > 1 or named == ["T"]):
         # stable: among those that rise the clearest name stays first; T is mostly a temperature
-        named.sort(key=lambda n: (not _rises(read(n)), n == "T"))
-        named = [n for n in named if n != "T" or _rises(read(n))]
-    if read is not None and not by_steps:
-        named = [n for n in named if _rises(read(n))]  # of no use, and the sample time is known
-    sender = None if read is None or not named else _of_sender(named, read)
+        named.sort(key=lambda n: (not _rises(table.read(n)), n == "T"))
+        named = [n for n in named if n != "T" or _rises(table.read(n))]
+    if table is not None and not by_steps:
+        # what stands still is of no use, and the sample time is known
+        named = [n for n in named if _rises(table.read(n))]
+    sender = None if table is None or not named else _of_sender(named, table)
     if sender is not None:
         return sender
     if named:
-        return _with_fraction(named, read) or TimeColumn(named[0])
-    counters = [n for n in free if is_counter(n) and tells_time(read, n)]
-    if read is None:
+        return _with_fraction(named, table) or TimeColumn(named[0])
+    counters = [n for n in free if is_counter(n) and tells_time(table, n)]
+    if table is None:
         counters = [n for n in counters if n in COUNTERS[:5]]
     first = next((n for n in names if n not in counters), None)
-    if by_steps and read is not None and first is not None and first in free:
-        column = read(first) if meaning(first).quantity == "other" else None
+    if by_steps and table is not None and first is not None and first in free:
+        column = table.read(first) if meaning(first).quantity == "other" else None
         whole = column is not None and bool(np.all(np.diff(column) == 1.0))
         counted = whole and column is not None and column[:1].tolist() in ([0.0], [1.0])
         if column is not None and is_steady(column) and (counted or not _position(first)):
@@ -192,21 +186,21 @@ def find_time(
     return TimeColumn(counters[0], counts=True) if counters else None
 
 
-def tells_time(read: Read | None, name: str) -> bool:
-    """Whether a column rises as a time or a counter does; by its name alone without ``read``."""
-    return read is None or _rises(read(name))
+def tells_time(table: "Table | None", name: str) -> bool:
+    """Whether a column rises as a time or a counter does; by its name alone without a table."""
+    return table is None or _rises(table.read(name))
 
 
-def is_clock(read: Read | None, name: str) -> bool:
+def is_clock(table: "Table | None", name: str) -> bool:
     """Whether a column is the time of the rows by its name, or a date, and so is no signal."""
-    if read is not None and read.is_date(name):
+    if table is not None and table.is_date(name):
         return True
-    return is_time(name) and tells_time(read, name)
+    return is_time(name) and tells_time(table, name)
 
 
-def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None:
+def _with_fraction(named: Sequence[str], table: "Table | None") -> TimeColumn | None:
     """Whole seconds and nanoseconds in two columns, as ROS writes its stamps."""
-    if read is None or _strictly(read(named[0])):
+    if table is None or _strictly(table.read(named[0])):
         return None
     seconds = [n for n in named if words(n)[-1:] in (("sec",), ("secs",))]
     fractions = [n for n in named if words(n)[-1:] in (("nsec",), ("nsecs",), ("nanosec",))]
@@ -217,7 +211,7 @@ def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None
     return None
 
 
-def _of_sender(named: Sequence[str], read: Read) -> TimeColumn | None:
+def _of_sender(named: Sequence[str], table: "Table") -> TimeColumn | None:
     """The stamp in a message's header where the clearest time is when the recorder received it.
 
     It is the moment of the measurement, without the jitter of the way; taken where it is complete
@@ -228,7 +222,7 @@ def _of_sender(named: Sequence[str], read: Read) -> TimeColumn | None:
     for name in (n for n in named if {"header", "stamp"} <= set(words(n))):
         rest = [n for n in named if words(n)[:-1] == words(name)[:-1] and n != name]
         fine = next((n for n in rest if words(n)[-1] in ("nsec", "nsecs", "nanosec")), None)
-        column, more = read(name), None if fine is None else read(fine)
+        column, more = table.read(name), None if fine is None else table.read(fine)
         if column is not None and more is not None and words(name)[-1] in ("sec", "secs"):
             if _strictly((column - column[0]) + 1e-9 * more):
                 return TimeColumn(name, fine, over=named[0])

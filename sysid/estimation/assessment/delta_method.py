@@ -27,13 +27,16 @@ NORMAL = 1.96
 Number = Annotated[float, Null()]
 """A number that may not be defined, which documents write as null."""
 
+StandardError = Annotated[float, Null(np.inf)]
+"""Infinite where the data say nothing, which documents write as null."""
+
 
 @dataclass(frozen=True)
 class Estimate:
     """A number and its standard error; infinite where the data say nothing about it."""
 
     value: Number
-    std_error: Number
+    std_error: StandardError
 
     @property
     def reach(self) -> float:

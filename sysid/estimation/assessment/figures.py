@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.fit import fit_percent, rmse
-from sysid.criteria.nonlinear import further_tests
 from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
@@ -171,7 +170,6 @@ def residual_tests(
     ]
     by_record = [model.structure.gradients(model.theta, r.u, r.y) for r in kept]
     jacobians = [[J[i] for J in by_record] for i in range(model.structure.ny)]
-    inputs, names = [r.u for r in kept], [c.name for c in model.inputs]
     part = estimated_columns if fitted else uncertain_columns
     parts = [
         [
@@ -183,34 +181,17 @@ def residual_tests(
     absorbed, uncertain = (parts, None) if fitted else (None, parts)
     report = residual_report(
         errors,
-        inputs,
+        [r.u for r in kept],
         absorbed,
         noise_model=model.structure.traits.has_noise_model,
         output_names=[c.name for c in model.outputs],
-        input_names=names,
+        input_names=[c.name for c in model.inputs],
         uncertain=uncertain,
+        nonlinear=not model.structure.traits.linear,
     )
-    if fitted:
-        report = replace(
-            report, fixed=fixed_parameter_tests_of(model, errors, jacobians, report.level)
-        )
-    if model.structure.traits.linear:
+    if not fitted:
         return report
-    further = [
-        further_tests(
-            [e[:, i] for e in errors],
-            inputs,
-            absorbed[i] if absorbed else None,
-            level=1.0 - (1.0 - report.level) / len(model.outputs),
-            noise_model=model.structure.traits.has_noise_model,
-            output_name=channel.name,
-            input_names=names,
-            uncertain=uncertain[i] if uncertain else None,
-        )
-        for i, channel in enumerate(model.outputs)
-    ]
-    # one kind after the other, as the linear ones
-    return replace(report, nonlinear=tuple(t for kind in zip(*further, strict=True) for t in kind))
+    return replace(report, fixed=fixed_parameter_tests_of(model, errors, jacobians, report.level))
 
 
 def _window(model: Model, start: Start, skip: int) -> int:

@@ -63,9 +63,7 @@ def spectra(records: Sequence[Record]) -> Spectra:
     window = get_window("hann", size)
     parts = []
     for r in records:
-        z = np.column_stack([r.u, r.y])
-        known = np.all(np.isfinite(z), axis=1)
-        z = np.where(known[:, None], z - z[np.flatnonzero(known)].mean(axis=0), 0.0)
+        z = centred(r)
         parts += [z[at : at + size] for at in range(0, len(z) - size + 1, size // 2)]
     every = np.array(parts)
     every = every - every.mean(axis=1, keepdims=True)
@@ -84,3 +82,10 @@ def spectra(records: Sequence[Record]) -> Spectra:
     w = 2.0 * np.pi * np.arange(1, f.shape[1] + 1) / (size * dt)
     windows = max(round(len(every) / (1.0 + 2.0 * OVERLAP**2)), 1)
     return Spectra(w, power[:, :nu], power[:, nu:], response, coherence, windows)
+
+
+def centred(r: Record) -> Array:
+    """Inputs and outputs about their means, 0 where one is missing, (N, nu + ny)."""
+    z = np.column_stack([r.u, r.y])
+    known = np.all(np.isfinite(z), axis=1)
+    return np.asarray(np.where(known[:, None], z - z[known].mean(axis=0), 0.0))

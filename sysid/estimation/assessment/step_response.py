@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed, ratio
-from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
+from sysid.estimation.assessment.delta_method import Estimate, Number, StandardError, estimates
 from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import PolynomialStructure
@@ -77,7 +77,7 @@ class StepResponse:
     time_constants: tuple[Estimate, ...]
     oscillation: tuple[Estimate, Estimate] | None
     dead_time: Number
-    dead_error: Number
+    dead_error: StandardError
     rise: Estimate
     settling: Estimate
     integrates: bool

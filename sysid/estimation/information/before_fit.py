@@ -20,11 +20,11 @@ from sysid.estimation.identify import Request
 from sysid.estimation.information.experiments import with_mending
 from sysid.estimation.information.sensitivity import (
     TAKES_PART,
+    Distinguished,
     hidden,
     information,
-    rank_words,
 )
-from sysid.estimation.information.subject import Subject
+from sysid.estimation.information.subject import Subject, subject_at
 from sysid.estimation.pem import constrained
 from sysid.fitting.options import FitOptions
 from sysid.methods.grey_box import prepared
@@ -43,37 +43,18 @@ OFF_ZERO = 0.1
 """What random points have in the place of a zero; only rank is asked there."""
 
 
-@dataclass(frozen=True)
-class Identifiability:
+@dataclass(frozen=True, kw_only=True)
+class Identifiability(Distinguished):
     """What the slopes at the best of the points tried say.
 
     Attributes:
-        rank, count: of the slopes by parameters and initial states.
-        condition: of the slopes, columns scaled to unit norm.
-        null: groups of parameters that no point distinguishes, as {name: part}.
         sentences: one each: which parameters only show together, and what would help.
     """
 
-    rank: int
-    count: int
-    condition: float
-    null: tuple[Mapping[str, float], ...]
     sentences: tuple[str, ...]
 
-    @property
-    def words(self) -> str:
-        """Rank and condition."""
-        return rank_words(self.rank, self.count, self.condition)
-
     def to_json(self) -> dict[str, Any]:
-        """As a document holds it."""
-        return {
-            "rank": self.rank,
-            "unknowns": self.count,
-            "condition": self.condition,
-            "null_directions": list(self.null),
-            "sentences": self.sentences,
-        }
+        return {**super().to_json(), "sentences": self.sentences}
 
 
 def before_fit(
@@ -91,20 +72,11 @@ def before_fit(
     pieces = shortened(records, SAMPLES)
     u, y = [np.asarray(r.u) for r in pieces], [np.asarray(r.y) for r in pieces]
     size = np.ptp(np.concatenate(y), axis=0)
+    size = np.where(size > 0.0, size, 1.0)
     random = [_off_zero(setting, t, free) for t in varied(setting, guesses[:1], free)[1][1:POINTS]]
     best: tuple[Subject, Array, float, int] | None = None
     for theta in (guesses[0][1], *random):
-        subject = Subject(
-            setting.structure,
-            theta,
-            setting.parameters,
-            np.where(size > 0.0, size, 1.0),
-            records[0].dt,
-            records[0].inputs,
-            records[0].outputs,
-            _range(u),
-            _range(y),
-        )
+        subject = subject_at(setting.structure, theta, setting.parameters, size, pieces)
         n = len(subject.names)
         slopes = subject.slopes(u, [subject.state(a, b) for a, b in zip(u, y, strict=True)])
         if not all(np.all(np.isfinite(D)) for D in slopes):
@@ -122,7 +94,13 @@ def before_fit(
     subject, null, condition, count = best
     open_ = hidden(subject.names, null)
     sentences = tuple(with_mending(subject, list(group)) for group in open_)
-    return Identifiability(count - null.shape[1], count, condition, open_, sentences)
+    return Identifiability(
+        rank=count - null.shape[1],
+        count=count,
+        condition=condition,
+        null=open_,
+        sentences=sentences,
+    )
 
 
 def before_request(records: Sequence[Record], request: Request) -> Mapping[str, Identifiability]:
@@ -146,8 +124,3 @@ def _off_zero(setting: Setting, theta: Array, free: NDArray[np.bool_]) -> Array:
     """θ whose free entries are not zero: a factor of zero hides others from the slopes."""
     moved = np.where(free & (theta == 0.0), OFF_ZERO, theta)
     return np.where(free, np.clip(moved, setting.lower, setting.upper), theta)
-
-
-def _range(values: Sequence[Array]) -> Array:
-    joined = np.concatenate(values)
-    return np.stack([joined.min(axis=0), joined.max(axis=0)], axis=1)

@@ -8,10 +8,8 @@ sequences that switch between levels and multisines; both are changed a little a
 best of many are kept (an evolution strategy (μ + λ), Beyer & Schwefel 2002, Nat. Comput. 1, 3).
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.random import Generator
@@ -49,102 +47,92 @@ class OptimalInput:
         u: (N, nu).
         errors: standard errors it promises, by the order of ``Subject.names``.
         words: its family.
-        course: logarithm of the determinant of the best after each round.
     """
 
     u: Array
     errors: Array
     words: str
-    course: tuple[float, ...]
 
 
-class _Candidate(ABC):
-    """An input between 0 and 1, (N, nu)."""
+@dataclass(frozen=True)
+class Family:
+    """A kind of input, and how the search moves among its members.
+
+    Attributes:
+        words: its name.
+        drawn: samples, inputs, generator → a random member, as numbers of any shape.
+        changed: a member, another one, generator → the first one changed a little.
+        values: a member, samples → the input between 0 and 1, (N, nu).
+    """
 
     words: str
-
-    @abstractmethod
-    def values(self) -> Array:
-        """It as it is."""
-
-    @abstractmethod
-    def changed(self, other: Self, rng: Generator) -> Self:
-        """Changed a little, or crossed with another one."""
+    drawn: Callable[[int, int, Generator], Array]
+    changed: Callable[[Array, Array, Generator], Array]
+    values: Callable[[Array, int], Array]
 
 
-class _Switching(_Candidate):
-    words = "switching sequence"
-
-    def __init__(self, u: Array) -> None:
-        self.u = u
-
-    @staticmethod
-    def drawn(samples: int, nu: int, rng: Generator) -> "_Switching":
-        """Levels held equally long, the two ends more often than others."""
-        held = int(np.exp(rng.uniform(0.0, np.log(max(samples / 6.0, 2.0)))))
-        count = -(-samples // held)
-        levels = rng.integers(LEVELS, size=(count, nu)) / (LEVELS - 1.0)
-        ends = rng.integers(2, size=(count, nu)).astype(np.float64)
-        chosen = np.where(rng.random((count, nu)) < rng.uniform(0.2, 1.0), ends, levels)
-        return _Switching(np.repeat(chosen, held, axis=0)[:samples])
-
-    def values(self) -> Array:
-        return self.u
-
-    def changed(self, other: "_Switching", rng: Generator) -> "_Switching":
-        u, (n, nu) = self.u.copy(), self.u.shape
-        for _ in range(rng.integers(1, 4)):
-            length = int(np.exp(rng.uniform(0.0, np.log(n / 3.0))))
-            first, i = int(rng.integers(0, n - length + 1)), int(rng.integers(nu))
-            part = slice(first, first + length)
-            kind = rng.integers(4)
-            if kind == 0:  # another level
-                u[part, i] = rng.integers(LEVELS) / (LEVELS - 1.0)
-            elif kind == 1:  # an edge moves
-                u[part, i] = u[max(first - 1, 0), i]
-            elif kind == 2:  # a piece of another one
-                u[part] = other.u[part]
-            else:  # fast switching
-                held = int(rng.integers(1, max(length // 3, 2)))
-                u[part, i] = (np.arange(length) // held) % 2
-        return _Switching(u)
+def _switching(samples: int, nu: int, rng: Generator) -> Array:
+    """Levels held equally long, the two ends more often than others, (N, nu)."""
+    held = int(np.exp(rng.uniform(0.0, np.log(max(samples / 6.0, 2.0)))))
+    count = -(-samples // held)
+    levels = rng.integers(LEVELS, size=(count, nu)) / (LEVELS - 1.0)
+    ends = rng.integers(2, size=(count, nu)).astype(np.float64)
+    chosen = np.where(rng.random((count, nu)) < rng.uniform(0.2, 1.0), ends, levels)
+    return np.repeat(chosen, held, axis=0)[:samples]
 
 
-class _Multisine(_Candidate):
-    words = "multisine"
-
-    def __init__(self, samples: int, amplitudes: Array, phases: Array) -> None:
-        self.samples, self.amplitudes, self.phases = samples, amplitudes, phases
-
-    @staticmethod
-    def drawn(samples: int, nu: int, rng: Generator) -> "_Multisine":
-        """Equal amplitudes up to some harmonic, random phases."""
-        count = min(samples // 4, 60)
-        top = int(np.exp(rng.uniform(np.log(2.0), np.log(max(count, 3)))))
-        amplitudes = np.where(np.arange(count)[:, None] < top, 1.0, 0.0) * np.ones((1, nu))
-        return _Multisine(samples, amplitudes, rng.uniform(0.0, 2.0 * np.pi, (count, nu)))
-
-    def values(self) -> Array:
-        k = np.arange(1, len(self.amplitudes) + 1)
-        angle = 2.0 * np.pi * np.outer(np.arange(self.samples), k) / self.samples
-        parts = np.cos(angle[:, :, None] + self.phases[None]) * self.amplitudes[None]
-        u = parts.sum(axis=1)
-        low, high = u.min(axis=0), u.max(axis=0)
-        return np.asarray((u - low) / np.maximum(high - low, 1e-12))
-
-    def changed(self, other: "_Multisine", rng: Generator) -> "_Multisine":
-        some = rng.random(self.phases.shape) < 0.3
-        phases = self.phases + np.where(some, rng.normal(0.0, 0.7, self.phases.shape), 0.0)
-        factor = np.exp(np.where(some, rng.normal(0.0, 0.5, self.phases.shape), 0.0))
-        mixed = np.where(rng.random() < 0.3, 0.5 * (self.amplitudes + other.amplitudes), 0.0)
-        amplitudes = np.where(mixed > 0.0, mixed, self.amplitudes) * factor
-        return _Multisine(self.samples, amplitudes, phases)
+def _switched_otherwise(u: Array, other: Array, rng: Generator) -> Array:
+    u, (n, nu) = u.copy(), u.shape
+    for _ in range(rng.integers(1, 4)):
+        length = int(np.exp(rng.uniform(0.0, np.log(n / 3.0))))
+        first, i = int(rng.integers(0, n - length + 1)), int(rng.integers(nu))
+        part = slice(first, first + length)
+        kind = rng.integers(4)
+        if kind == 0:  # another level
+            u[part, i] = rng.integers(LEVELS) / (LEVELS - 1.0)
+        elif kind == 1:  # an edge moves
+            u[part, i] = u[max(first - 1, 0), i]
+        elif kind == 2:  # a piece of another one
+            u[part] = other[part]
+        else:  # fast switching
+            held = int(rng.integers(1, max(length // 3, 2)))
+            u[part, i] = (np.arange(length) // held) % 2
+    return u
 
 
-FAMILIES: tuple[Callable[[int, int, Generator], _Candidate], ...] = (
-    _Switching.drawn,
-    _Multisine.drawn,
+def _multisine(samples: int, nu: int, rng: Generator) -> Array:
+    """Amplitudes, equal up to some harmonic, and random phases, (2, harmonics, nu)."""
+    count = min(samples // 4, 60)
+    top = int(np.exp(rng.uniform(np.log(2.0), np.log(max(count, 3)))))
+    amplitudes = np.where(np.arange(count)[:, None] < top, 1.0, 0.0) * np.ones((1, nu))
+    return np.stack([amplitudes, rng.uniform(0.0, 2.0 * np.pi, (count, nu))])
+
+
+def _sines_otherwise(own: Array, other: Array, rng: Generator) -> Array:
+    amplitudes, phases = own
+    some = rng.random(phases.shape) < 0.3
+    phases = phases + np.where(some, rng.normal(0.0, 0.7, phases.shape), 0.0)
+    factor = np.exp(np.where(some, rng.normal(0.0, 0.5, phases.shape), 0.0))
+    mixed = np.where(rng.random() < 0.3, 0.5 * (amplitudes + other[0]), 0.0)
+    return np.stack([np.where(mixed > 0.0, mixed, amplitudes) * factor, phases])
+
+
+def _sum_of_sines(own: Array, samples: int) -> Array:
+    amplitudes, phases = own
+    k = np.arange(1, len(amplitudes) + 1)
+    angle = 2.0 * np.pi * np.outer(np.arange(samples), k) / samples
+    u = (np.cos(angle[:, :, None] + phases[None]) * amplitudes[None]).sum(axis=1)
+    low, high = u.min(axis=0), u.max(axis=0)
+    return np.asarray((u - low) / np.maximum(high - low, 1e-12))
+
+
+FAMILIES = (
+    Family("switching sequence", _switching, _switched_otherwise, lambda u, _: u),
+    Family("multisine", _multisine, _sines_otherwise, _sum_of_sines),
 )
+
+Scored = tuple[float, Array]
+"""How much a member shows, and the member."""
 
 
 def optimal_input(
@@ -162,31 +150,31 @@ def optimal_input(
     rng, nu = np.random.default_rng(seed), len(limits.u)
     low, high = limits.u.T
 
-    def scored(some: Sequence[_Candidate]) -> list[float]:
-        return _scores(subject, [low + c.values() * (high - low) for c in some], limits)
+    def scored(family: Family, members: Sequence[Array]) -> list[Scored]:
+        inputs = [low + family.values(m, samples) * (high - low) for m in members]
+        return list(zip(_scores(subject, inputs, limits), members, strict=True))
 
-    kept: list[list[tuple[float, _Candidate]]] = []
-    for draw in FAMILIES:
-        first = [draw(samples, nu, rng) for _ in range(CHILDREN)]
-        kept.append(_best(list(zip(scored(first), first, strict=True))))
-    course = []
+    kept = [
+        _best(scored(f, [f.drawn(samples, nu, rng) for _ in range(CHILDREN)])) for f in FAMILIES
+    ]
     for k in range(rounds):
-        for i, family in enumerate(kept):
-            pairs = rng.integers(len(family), size=(CHILDREN, 2))
-            children = [family[a][1].changed(family[b][1], rng) for a, b in pairs]
-            kept[i] = _best([*family, *zip(scored(children), children, strict=True)])
-        course.append(max(family[0][0] for family in kept))
+        for i, family in enumerate(FAMILIES):
+            pairs = rng.integers(len(kept[i]), size=(CHILDREN, 2))
+            children = [family.changed(kept[i][a][1], kept[i][b][1], rng) for a, b in pairs]
+            kept[i] = _best([*kept[i], *scored(family, children)])
         if progress:
             progress((k + 1) / rounds)
-    best = max((family[0] for family in kept), key=lambda c: c[0])[1]
-    u = low + best.values() * (high - low)
+    family, (_, best) = max(
+        zip(FAMILIES, (members[0] for members in kept), strict=True), key=lambda pair: pair[1][0]
+    )
+    u = low + family.values(best, samples) * (high - low)
     (slopes,) = subject.slopes([u], [subject.rest()])
     found = information([slopes], len(subject.names))
     errors = np.where(straight(subject, [u], [subject.rest()], found), found.errors, np.inf)
-    return OptimalInput(u, errors, best.words, tuple(course))
+    return OptimalInput(u, errors, family.words)
 
 
-def _best(some: list[tuple[float, _Candidate]]) -> list[tuple[float, _Candidate]]:
+def _best(some: list[Scored]) -> list[Scored]:
     return sorted(some, key=lambda c: -c[0])[:KEPT]
 
 

@@ -7,7 +7,7 @@ parameter counts what the others cannot imitate: the residual r of its column of
 on all others; 1/‖r‖² is its variance, and r² says at which instants it comes in.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -126,33 +126,33 @@ class ShownParameter:
         return "doubtful" if self.relative > DOUBTFUL and self.value else "shown"
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """What logs would show of a plant's parameters.
+@dataclass(frozen=True, kw_only=True)
+class Distinguished:
+    """How well slopes tell unknowns, parameters and initial states, apart.
 
     Attributes:
-        rank, count: of the slopes by parameters and initial states; directions without information
-            are ``count − rank``.
-        null: groups of parameters that take part in these, as {name: part}.
+        rank, count: of the slopes by all unknowns; directions without information are
+            ``count − rank``.
+        condition: of the slopes, columns scaled to unit norm.
+        null: groups of parameters that take part in these directions, as {name: part}.
     """
 
-    parameters: tuple[ShownParameter, ...]
     rank: int
     count: int
     condition: float
-    null: tuple[dict[str, float], ...]
+    null: tuple[Mapping[str, float], ...]
 
     @property
-    def doubtful(self) -> tuple[str, ...]:
-        """Parameters that the log does not show well."""
-        return tuple(p.name for p in self.parameters if p.verdict != "shown")
+    def words(self) -> str:
+        """Rank and condition as a sentence."""
+        return (
+            f"Rank {self.rank} of {self.count} unknowns (initial states included), condition "
+            f"{self.condition:.3g}."
+        )
 
     def to_json(self) -> dict[str, Any]:
         """As a document holds it."""
         return {
-            "parameters": [
-                {**vars(p), "relative": p.relative, "verdict": p.verdict} for p in self.parameters
-            ],
             "rank": self.rank,
             "unknowns": self.count,
             "condition": self.condition,
@@ -160,9 +160,20 @@ class Sensitivity:
         }
 
 
-def rank_words(rank: int, count: int, condition: float) -> str:
-    """How well slopes tell unknowns apart, as a sentence."""
-    return f"Rank {rank} of {count} unknowns (initial states included), condition {condition:.3g}."
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensitivity(Distinguished):
+    """What logs would show of a plant's parameters."""
+
+    parameters: tuple[ShownParameter, ...]
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Parameters that the log does not show well."""
+        return tuple(p.name for p in self.parameters if p.verdict != "shown")
+
+    def to_json(self) -> dict[str, Any]:
+        shown = [{**vars(p), "relative": p.relative, "verdict": p.verdict} for p in self.parameters]
+        return {"parameters": shown, **super().to_json()}
 
 
 def hidden(names: Sequence[str], null: Array) -> tuple[dict[str, float], ...]:
@@ -223,11 +234,11 @@ def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
         )
     count = n + sum(D.shape[2] - n for D in slopes)
     return Sensitivity(
-        tuple(parameters),
-        count - found.null.shape[1],
-        count,
-        found.condition,
-        hidden(names, found.null),
+        parameters=tuple(parameters),
+        rank=count - found.null.shape[1],
+        count=count,
+        condition=found.condition,
+        null=hidden(names, found.null),
     )
 
 

@@ -111,22 +111,26 @@ def subject_of_box(structure: GreyBox[Any], facts: LogFacts) -> Subject:
     theta = structure.physics.pack({})
     made = cut_finely(read_off(structure, records), [theta])
     noise = np.maximum(facts.noise, 1e-9 * np.ptp(_all(records, "y"), axis=0))
+    return subject_at(made, theta, parameters, np.maximum(noise, 1e-300), records)
+
+
+def subject_at(
+    structure: Structure,
+    theta: Array,
+    parameters: tuple[Parameter, ...],
+    noise: Array,
+    records: Sequence[Record],
+) -> Subject:
+    """A structure at some θ, asked about the channels and ranges of records."""
+    first = records[0]
+    ranges = [
+        np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
+        for values in (_all(records, "u"), _all(records, "y"))
+    ]
     return Subject(
-        made,
-        theta,
-        parameters,
-        np.maximum(noise, 1e-300),
-        records[0].dt,
-        records[0].inputs,
-        records[0].outputs,
-        _range(_all(records, "u")),
-        _range(_all(records, "y")),
+        structure, theta, parameters, noise, first.dt, first.inputs, first.outputs, *ranges
     )
 
 
 def _all(records: Sequence[Record], side: str) -> Array:
     return np.concatenate([getattr(r, side) for r in records])
-
-
-def _range(values: Array) -> Array:
-    return np.stack([values.min(axis=0), values.max(axis=0)], axis=1)

@@ -7,16 +7,17 @@ phases, is the band (Pintelon & Schoukens 2012, ch. 3 and 4).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import fdtri, stdtrit
 
 from sysid.data.frequency_response import FrequencyResponse
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
-from sysid.estimation.assessment.spectra import spectra
+from sysid.estimation.assessment.spectra import centred, spectra
 from sysid.estimation.look.distortion import periods_of
 from sysid.estimation.look.local_models import Complex, LocalModel, half_width, local_model
 
@@ -158,45 +159,29 @@ def local_models(records: Sequence[Record], rational: bool = True) -> FrequencyE
         )
     lines = np.unique(np.geomspace(1, len(longest) // 2 - 1, LINES).round())
     w = 2.0 * np.pi * lines / (len(longest) * longest.dt)
-    found = _joined(records, w, rational=False)
-    if rational and len(longest) // 2 > 2 * half_width(nu, rational=True) + 1:
-        found = _better(found, _joined(records, w, rational=True))
-    coherence = np.clip(1.0 - found.variance / np.maximum(found.power, 1e-300), 0.0, 1.0)
-    noise = 2.0 * found.variance * longest.dt
-    words = "local models" if rational else "local polynomials"
-    return FrequencyEstimate(w, found.value, found.error, noise, coherence, found.freedom, words)
+    found, unseen = _joined(records, w, rational=False)
+    if not rational:
+        return found
+    if len(longest) // 2 > 2 * half_width(nu, rational=True) + 1:
+        other, of_other = _joined(records, w, rational=True)
+        with np.errstate(divide="ignore", invalid="ignore"):  # all outputs together
+            taken = np.log(of_other / unseen).mean(axis=1) < np.log(BETTER)
+        found = _where(taken, other, found)
+    return replace(found, method="local models")
 
 
-@dataclass(frozen=True, eq=False)
-class _Joined:
-    """Local models of all records: by frequency first.
-
-    Attributes:
-        value, error: (n, ny, nu).
-        variance: of the noise, (n, ny).
-        freedom: (n,).
-        power: mean square of the outputs' lines, (n, ny).
-        unseen: mean square of errors at lines left out, (n, ny).
-    """
-
-    value: Complex
-    error: Array
-    variance: Array
-    freedom: Array
-    power: Array
-    unseen: Array
+def _where(taken: NDArray[np.bool_], one: FrequencyEstimate, other: FrequencyEstimate) -> Any:
+    """By frequency the one estimate or the other."""
+    chosen = {}
+    for name in ("value", "error", "noise", "coherence", "freedom"):
+        first, second = getattr(one, name), getattr(other, name)
+        chosen[name] = np.where(taken.reshape(-1, *[1] * (first.ndim - 1)), first, second)
+    return replace(other, **chosen)
 
 
-def _better(found: _Joined, other: _Joined) -> _Joined:
-    """By frequency the other one where it predicts lines so much better, all outputs together."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        taken = np.log(other.unseen / found.unseen).mean(axis=1) < np.log(BETTER)
-    pairs = [(getattr(found, f.name), getattr(other, f.name)) for f in fields(found)]
-    return _Joined(*(np.where(taken.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
-
-
-def _joined(records: Sequence[Record], w: Array, rational: bool) -> _Joined:
-    half = half_width(records[0].nu, rational)
+def _joined(records: Sequence[Record], w: Array, rational: bool) -> tuple[FrequencyEstimate, Array]:
+    """Local models of all records, and the mean square of errors at lines left out, (n, ny)."""
+    half, dt = half_width(records[0].nu, rational), records[0].dt
     every = [_of_record(r, half, w, rational) for r in records if len(r) // 2 > 2 * half + 1]
 
     def stacked(name: str) -> Any:
@@ -205,32 +190,28 @@ def _joined(records: Sequence[Record], w: Array, rational: bool) -> _Joined:
 
     freedom, lines = stacked("freedom").sum(axis=0), stacked("lines").sum(axis=0)
     variance = stacked("left").sum(axis=0) / freedom[:, None]
+    power = np.maximum(stacked("power").mean(axis=0), 1e-300)
     with np.errstate(divide="ignore", invalid="ignore"):
         weights = 1.0 / stacked("spread")  # 0 where a record says nothing
         total = weights.sum(axis=0)
         mean = np.where(total > 0.0, np.sum(stacked("value") * weights, axis=0) / total, 0.0)
         error = np.sqrt(variance[:, :, None] / total)
+    coherence = np.clip(1.0 - variance / power, 0.0, 1.0)
     unseen = stacked("unseen").sum(axis=0) / lines[:, None]
-    return _Joined(mean, error, variance, freedom, stacked("power").mean(axis=0), unseen)
+    words = "local polynomials"
+    return FrequencyEstimate(w, mean, error, 2.0 * variance * dt, coherence, freedom, words), unseen
 
 
 def _of_record(r: Record, half: int, w: Array, rational: bool) -> list[LocalModel]:
     """The model at each frequency."""
     nu, samples = r.nu, len(r)
-    F = np.fft.rfft(_centred(r), axis=0) / np.sqrt(samples)
+    F = np.fft.rfft(centred(r), axis=0) / np.sqrt(samples)
     count, found = len(F), []
     for centre in w * samples * r.dt / (2.0 * np.pi):
         low = int(np.clip(round(float(centre)) - half, 1, max(count - 2 * half - 1, 1)))
         at = np.arange(low, min(low + 2 * half + 1, count))
         found.append(local_model(F[at, :nu], F[at, nu:], (at - centre) / half, rational))
     return found
-
-
-def _centred(r: Record) -> Array:
-    """Inputs and outputs about their means, 0 where one is missing, (N, nu + ny)."""
-    z = np.column_stack([r.u, r.y])
-    known = np.all(np.isfinite(z), axis=1)
-    return np.asarray(np.where(known[:, None], z - z[known].mean(axis=0), 0.0))
 
 
 def welch(records: Sequence[Record]) -> FrequencyEstimate:
@@ -254,7 +235,7 @@ def blackman_tukey(records: Sequence[Record], lags: int | None = None) -> Freque
     total: Any = 0.0
     samples = 0
     for r in records:
-        z = _centred(r)
+        z = centred(r)
         F = np.fft.rfft(z, 2 * len(z), axis=0)
         R = np.fft.irfft(F[:, :, None] * F[:, None, :].conj(), axis=0)
         total = total + np.concatenate([R[-M:], R[: M + 1]])
@@ -265,14 +246,14 @@ def blackman_tukey(records: Sequence[Record], lags: int | None = None) -> Freque
     turn = np.exp(-1j * np.outer(w * records[0].dt, lag)) * window
     S = np.einsum("fl,lab->fab", turn, np.asarray(total) / samples) * records[0].dt
     uu, yu = S[:, :nu, :nu], S[:, nu:, :nu]
-    value = yu @ np.linalg.pinv(uu, rcond=1e-9, hermitian=True)
+    inverse = np.linalg.pinv(uu, rcond=1e-9, hermitian=True)
+    value = yu @ inverse
     power = np.einsum("faa->fa", S).real[:, nu:]
     explained = np.einsum("fij,fij->fi", value, yu.conj()).real
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
     noise = np.maximum(power, 0.0) * (1.0 - coherence)
     # variance of a smoothed spectrum: Σ window² / N of the periodogram's (Ljung 1999, 6.74)
     share = float(np.sum(window**2)) / samples
-    inverse = np.linalg.pinv(uu, rcond=1e-9, hermitian=True)
     spread = np.einsum("faa->fa", inverse).real
     error = np.sqrt(np.maximum(share * noise[:, :, None] * spread[:, None, :], 0.0))
     free = np.full(len(w), max(1.0 / share - nu, 1.0))

@@ -1,7 +1,8 @@
 """Fits of linear structures with an offset, estimated as the coefficient of a constant input."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def fit_with_offset(
 
 def _rests(wide: LinearStructure, outcome: FitOutcome) -> bool:
     """Whether the fit has a steady state: what integrates rests nowhere."""
-    shift, *_ = _balance(wide, outcome, np.ones(wide.ny))(np.zeros(wide.nu - 1))
+    shift, *_ = _SteadyState(wide, outcome, np.ones(wide.ny)).moved(np.zeros(wide.nu - 1))
     return all(bool(np.all(np.isfinite(part))) for part in shift)
 
 
@@ -110,13 +111,13 @@ def narrowed(
     records, seen = facts.records, facts.outliers.records
     u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
     ranges = np.ptp(y, axis=0)
-    move = _balance(wide, outcome, ranges)
+    steady = _SteadyState(wide, outcome, ranges)
     base = np.asarray(before.u_offset)
     # an input that reaches its zero is spoken of at zero, a resting one where it rests
     reaches = (u.min(axis=0) <= 0.0) & (u.max(axis=0) >= 0.0)
     target = base if offsets.at_rest else np.where(reaches, 0.0, base)
-    shift, u_error, y_error = move(target - base)
-    at_base = move(np.zeros(len(base)))[0]
+    shift, u_error, y_error = steady.moved(target - base)
+    at_base = steady.moved(np.zeros(len(base)))[0]
     y_error = np.maximum(y_error, _least_error(wide, outcome, records, before))
     return FitWithOffset(
         without_offset(wide, outcome),
@@ -185,6 +186,30 @@ class _SteadyState:
     outcome: FitOutcome
     ranges: Array
 
+    @cached_property
+    def drifting(self) -> Index:
+        """Outputs that integrate: their offset would lie far outside the data, or is as uncertain.
+
+        They have none; for them Δu is chosen such that nothing drifts.
+        """
+        try:
+            return self._far(*self._with_error(self._nothing, np.zeros(0, dtype=np.intp)))
+        except np.linalg.LinAlgError:
+            return np.arange(self.wide.ny)
+
+    def moved(self, du: Array) -> tuple[tuple[Array, Array], Array, Array]:
+        """The moves of u and y where inputs are to move by du, and their standard errors."""
+        values, errors = self._with_error(du, self.drifting)
+        if len(self._far(values, errors)) and np.any(du):
+            # the model cannot be followed that far: its offset is said where the fit was made
+            values, errors = self._with_error(self._nothing, self.drifting)
+        nu = len(du)
+        return (values[:nu], values[nu:]), errors[:nu], errors[nu:]
+
+    @property
+    def _nothing(self) -> Array:
+        return np.zeros(self.wide.nu - 1)
+
     def _operating_point(self, theta: Array, du: Array, drifting: Index) -> Array:
         """Δu and Δy, one after the other."""
         A, whole = self.wide.steady(theta)
@@ -198,7 +223,7 @@ class _SteadyState:
             dy[rest] = np.linalg.solve(A[np.ix_(rest, rest)], right[rest])
         return np.concatenate([du, dy])
 
-    def with_error(self, du: Array, drifting: Index) -> tuple[Array, Array]:
+    def _with_error(self, du: Array, drifting: Index) -> tuple[Array, Array]:
         """Δu and Δy, and their standard errors, (nu + ny,) each."""
         theta = self.outcome.theta
         known = np.isfinite(np.diag(self.outcome.covariance))
@@ -211,35 +236,8 @@ class _SteadyState:
         with np.errstate(all="ignore"):
             return of(theta), propagated(of, theta, covariance, steps)
 
-    def far(self, values: Array, errors: Array) -> Index:
+    def _far(self, values: Array, errors: Array) -> Index:
         """Outputs whose offset lies far outside the data, or is as uncertain as that."""
         limit = BEYOND * np.where(self.ranges > 0.0, self.ranges, 1.0)
         n = len(self.ranges)
         return np.flatnonzero(~(np.abs(values[-n:]) + errors[-n:] <= limit))
-
-
-Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
-
-
-def _balance(wide: LinearStructure, outcome: FitOutcome, ranges: Array) -> Move:
-    """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
-
-    Outputs that integrate (their offset would lie far outside the data, or is as uncertain as that)
-    have none; for them Δu is chosen such that nothing drifts.
-    """
-    steady = _SteadyState(wide, outcome, ranges)
-    nu = wide.nu - 1
-    nothing = np.zeros(nu)
-    try:
-        drifting = steady.far(*steady.with_error(nothing, np.zeros(0, dtype=np.intp)))
-    except np.linalg.LinAlgError:
-        drifting = np.arange(wide.ny)
-
-    def move(du: Array) -> tuple[tuple[Array, Array], Array, Array]:
-        values, errors = steady.with_error(du, drifting)
-        if len(steady.far(values, errors)) and np.any(du):
-            # the model cannot be followed that far: its offset is said where the fit was made
-            values, errors = steady.with_error(nothing, drifting)
-        return (values[:nu], values[nu:]), errors[:nu], errors[nu:]
-
-    return move

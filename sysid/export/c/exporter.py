@@ -9,8 +9,7 @@ from sysid.export.c.loop.block import Block
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
 from sysid.export.c.report import report
-from sysid.export.c.source import plant_sources
-from sysid.export.c.step import c_step
+from sysid.export.c.step import c_step, plant_sources
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
 from sysid.version import __version__

@@ -11,13 +11,11 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.export.base import Exporter, Source
 from sysid.export.c.loop.laws_of_mission import ESTIMATE, flat
 from sysid.export.c.loop.recorded_run import CLOSED, record_run
-from sysid.export.c.source import c_sources
-from sysid.export.c.step import tunable_parameters
+from sysid.export.c.step import c_sources, tunable_parameters
 from sysid.export.fmu.archive import FMI_2, FMI_3, Version, archive, headers
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
-from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits, loop_units
+from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits, Wiring, loop_units
 from sysid.export.fmu.replay import Replay
-from sysid.export.fmu.wiring import Wiring
 from sysid.export.templates import fill
 from sysid.plant.selftest import reach
 from sysid.robot.mission.loop import Loop, LoopState, Tick, on_ground, ticks

@@ -10,8 +10,7 @@ from sysid.export.c.fields import Field
 from sysid.export.c.loop.recorded_run import CLOSED, not_again, record_run
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
-from sysid.export.c.source import plant_sources
-from sysid.export.c.step import c_step
+from sysid.export.c.step import c_step, plant_sources
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
 from sysid.runners.trace.writing import number

@@ -15,9 +15,8 @@ from sysid.data.files import write_new
 from sysid.errors import ModelError
 from sysid.export.package import form_of, package_files
 from sysid.export.verification.co_simulated import CoSimulated, replays_of
-from sysid.export.verification.cortex_m import CORTEX_M4
 from sysid.export.verification.ros_nodes import RosNodes
-from sysid.export.verification.runtimes import COMPILED, Compiled, Result
+from sysid.export.verification.runtimes import COMPILED, CORTEX_M4, Compiled, Result
 from sysid.plant.package import Package, files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
 from sysid.plant.storage import Files

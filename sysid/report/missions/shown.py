@@ -29,7 +29,7 @@ class ShownRuns:
 
 def shown_runs(setup: "Setup", batch: "MissionRuns") -> ShownRuns:
     """The first runs and the worst ones, which are driven again for their paths."""
-    from sysid.robot.mission.monte_carlo.paths import paths_of
+    from sysid.robot.mission.monte_carlo.runs import paths_of
 
     usual = batch.seeds[:SHOWN]
     paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])

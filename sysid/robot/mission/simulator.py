@@ -37,8 +37,8 @@ from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.supply import feed_of
 from sysid.robot.mission.tracks.compensation import compensation_of
-from sysid.robot.mission.tracks.nominal import limits_of, nominal_of
 from sysid.robot.mission.tracks.robot_plant import identified_effects
+from sysid.robot.mission.tracks.settling import limits_of, nominal_of
 from sysid.robot.mission.tracks.torque import motors_of, on_ground
 from sysid.runners import floats
 

@@ -147,7 +147,7 @@ def _refined(
         solved = np.linalg.lstsq((Z / scale).T @ (L / scale), (Z / scale).T @ r, rcond=1e-13)[0]
         solved = solved / scale
         n = len(den)
-        den = _stable(solved[:n])
+        den = stable(solved[:n])
         nums = solved[n : n + nu * (m + 1)].reshape(nu, m + 1)
         instruments = [_clean(u, nums, den, dt) for u, _ in rows]
         paths = tuple(Found(num, den, d * dt) for num in nums)
@@ -217,7 +217,7 @@ def _over_ramp(A: Array, B: Array, time: float) -> Array:
     return np.asarray(over[:n])
 
 
-def _stable(den: Array) -> Array:
+def stable(den: Array) -> Array:
     """A with the roots of the right half plane mirrored."""
     roots = np.roots([1.0, *den[::-1]]) if np.all(np.isfinite(den)) else np.full(len(den), -1.0)
     right = roots.real > 0.0

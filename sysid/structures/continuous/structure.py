@@ -16,7 +16,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
 from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.searchable import InitialGuesses
-from sysid.structures.continuous.channel import discretised
+from sysid.structures.continuous.channel import companion, discretised
 from sysid.structures.continuous.instruments import Found, found_paths
 from sysid.structures.motion import dead_time_entry
 from sysid.structures.state_space.realization import Realization, moved
@@ -198,18 +198,11 @@ class ContinuousStructure(RealizedStructure):
             if delay > 0.0:
                 late, early = _pade(delay)
                 top, bottom = np.convolve(top, late), np.convolve(bottom, early)
-            n = len(bottom) - 1
-            top = np.concatenate([np.zeros(n + 1 - len(top)), top]) / bottom[0]
-            bottom = bottom / bottom[0]
-            A = np.eye(n, k=1)
-            A[-1] = -bottom[:0:-1]
-            b = np.zeros((n, self.inputs))
-            b[-1, k % self.inputs] = 1.0
-            c = np.zeros((self.outputs, n))
-            c[k // self.inputs] = top[:0:-1]
+            A, b = companion(bottom[:0:-1] / bottom[0])
             blocks.append(A)
-            B.append(b)
-            C.append(c)
+            B.append(b * np.eye(self.inputs)[k % self.inputs])
+            row = np.append(top[::-1], np.zeros(len(A) - len(top))) / bottom[0]
+            C.append(np.outer(np.eye(self.outputs)[k // self.inputs], row))
         D = np.zeros((self.outputs, self.inputs))
         return block_diag(*blocks), np.vstack(B), np.hstack(C), D
 

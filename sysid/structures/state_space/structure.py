@@ -17,7 +17,7 @@ from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import pole_words
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
-from sysid.structures.state_space.realization import Realization, moved, run
+from sysid.structures.state_space.realization import Realization, run
 
 AT_ONCE = 1 << 20
 """Numbers of the drives of slopes that are held at a time."""
@@ -87,17 +87,9 @@ class RealizedStructure(LinearStructure, Searchable):
             nu=r.nu + 1,
         )
 
+    @abstractmethod
     def matrix_slopes(self, theta: Array, ahead: bool) -> tuple[Array, Array, Array, Array]:
-        """∂(A, B, C, D)/∂θ_k of what is run, each with k first, by complex steps."""
-        thetas, steps = moved(theta)
-        every = [self.realization(row) for row in thetas]
-        if ahead:
-            every = [r if r.K is None else r.predictor() for r in every]
-        A, B, C, D = (
-            np.imag(np.array([getattr(r, name) for r in every])) / steps[:, None, None]
-            for name in "ABCD"
-        )
-        return A, B, C, D
+        """∂(A, B, C, D)/∂θ_k of what is run, each with k first."""
 
     def parts(self) -> tuple[tuple[slice, slice], ...]:
         """Entries of θ, and the states that these and no others move."""

@@ -15,7 +15,7 @@ from sysid.testbench.motor.drive import DriveLog
 from sysid.testbench.motor.drive_fit import fit_all
 from sysid.testbench.motor.equations import PUBLISHED, MotorConstants
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
-from sysid.testbench.motor.files import BenchFiles, Given, read_bench_files
+from sysid.testbench.motor.files import Given, read_bench_files
 from sysid.testbench.motor.joint import JointFit, correlations
 from sysid.testbench.motor.plausibility import (
     LEAST_RATIO,
@@ -92,31 +92,49 @@ class MotorBench:
 
     Attributes:
         gear: turns of the motor for one of the output shaft.
-        parameters: constants by the chosen method.
-        names, covariance: of those with a standard error, in this order.
-        routes: every value from one experiment, with its standard error.
+        routes: every value from one experiment.
+        one_at_a_time: names and covariance of the first value of each constant from one experiment.
         joint: all experiments at once.
-        constants: the motor, for predictions; J is 0 where it is not known.
+        tied: whether Kc is Kem, because no torque was measured.
         method: ``separate`` or ``joint``.
     """
 
     tests: tuple[SteadyTest, ...]
     drives: tuple[DriveLog, ...]
     gear: float
-    parameters: tuple[Estimate, ...]
-    names: tuple[str, ...]
-    covariance: Array
-    routes: tuple[tuple[Route, float], ...]
+    routes: tuple[Route, ...]
+    one_at_a_time: tuple[tuple[str, ...], Array]
     joint: JointFit
-    constants: MotorConstants
-    notes: tuple[str, ...]
+    tied: bool
     method: str
+    notes: tuple[str, ...]
 
     @property
     def largest_voltage(self) -> float:
         """The largest voltage that was applied, of either sign [V]."""
         applied = [t.voltage for t in self.tests] + [d.voltage for d in self.drives]
         return max(float(np.max(np.abs(v))) for v in applied)
+
+    @cached_property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """Constants by the chosen method."""
+        thesis = is_the_thesis(self.tests)
+        return tuple(self._row(name, thesis) for name in CONSTANTS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of those with a standard error."""
+        return self._spread[0]
+
+    @property
+    def covariance(self) -> Array:
+        """Of those in ``names``, in this order."""
+        return self._spread[1]
+
+    @property
+    def constants(self) -> MotorConstants:
+        """The motor, for predictions; J is 0 where it is not known."""
+        return replace(self.joint.constants, **self._values)
 
     def to_json(self) -> dict[str, Any]:
         return plain_object(
@@ -125,14 +143,73 @@ class MotorBench:
                 "gear": self.gear,
                 "parameters": self.parameters,
                 "correlations": {"names": self.names, "matrix": correlations(self.covariance)},
-                "one_at_a_time": [
-                    {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
-                    for r, e in self.routes
-                ],
+                "one_at_a_time": self.routes,
                 "joint": self.joint,
                 "notes": self.notes,
             }
         )
+
+    @cached_property
+    def _of_joint(self) -> dict[str, float]:
+        return dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
+
+    @cached_property
+    def _of_routes(self) -> dict[str, float]:
+        return values_of(self.routes)
+
+    @cached_property
+    def _values(self) -> dict[str, float]:
+        """By the method, completed by the other one, as far as they are determined."""
+        values = dict(self._of_joint)
+        if self.method == "separate":
+            values |= self._of_routes
+        if self.tied:
+            values["Kc"] = values["Kem"]
+        return {n: v for n, v in values.items() if n not in self.joint.undetermined}
+
+    @cached_property
+    def _spread(self) -> tuple[tuple[str, ...], Array]:
+        """Names and covariance by the method."""
+        both = self.joint.names, self.joint.covariance
+        names, covariance = both if self.method == "joint" else self.one_at_a_time
+        kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
+        return tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
+
+    def _row(self, name: str, thesis: bool) -> Estimate:
+        value, error = self._values.get(name), self._std_error(name)
+        recomputable, reason = value is not None, self._reason(name, value)
+        published = None
+        if thesis and name in PRINTED:
+            published, (recomputable, why) = getattr(PUBLISHED, name), PRINTED[name]
+            reason = f"{reason}; {why}"
+        if error is not None and not np.isfinite(error):
+            error = None
+        unit = CONSTANTS[name][0]
+        return Estimate(name, unit, value, error, published, recomputable, reason)
+
+    def _std_error(self, name: str) -> float | None:
+        source = "Kem" if name == "Kc" and self.tied else name
+        if source in self.names:
+            k = self.names.index(source)
+            error = float(np.sqrt(self.covariance[k, k]))
+            if self.method == "separate" and source in self._of_joint:
+                # what the way of evaluation changes is an error as well
+                error = float(np.hypot(error, self._of_routes[source] - self._of_joint[source]))
+            return error
+        if name in self._values and source in self._of_joint:
+            k = self.joint.names.index(source)
+            return float(np.sqrt(self.joint.covariance[k, k]))
+        return None
+
+    def _reason(self, name: str, value: float | None) -> str:
+        if name == "Kc" and self.tied:
+            return "set equal to Kem, because no torque was measured"
+        if value is None:
+            return WHY_UNDETERMINED.get(name, "not identifiable from these files")
+        how = {r.name: r.how for r in reversed(self.routes)}
+        if self.method == "separate" and name in how:
+            return how[name]
+        return "all experiments at once" if how or len(self.drives) > 1 else "the drive"
 
 
 def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
@@ -150,27 +227,39 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     known = {k: v for k, v in read.known.items() if k != "gear"}
     require_experiments(read.tests, read.drives, known)
     tests, said = _sided(read.tests, known, gear)
-    from_tables = routes(tests, known, gear)
-    require_plausible(values_of(from_tables))
-    if "R" in values_of(from_tables):
-        require_currents(tests, values_of(from_tables)["R"])
-    tied = "Kc" not in values_of(from_tables)
+    values = values_of(routes(tests, known, gear))
+    require_plausible(values)
+    if "R" in values:
+        require_currents(tests, values["R"])
+    tied = "Kc" not in values
     if tied:
         said.append(
             "No torque was measured, so Kc is set equal to Kem, as in a motor without losses. "
             "Voltage, current and speed determine f, C0 and J only relative to Kc; a stall or "
             "external-load experiment determines Kc."
         )
-    joint, remarks = fit_all(tests, read.drives, known, values_of(from_tables), gear, tied)
+    joint, remarks = fit_all(tests, read.drives, known, values, gear, tied)
     require_plausible(vars(joint.constants))
-    errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
-    notes = [*read.notes, *notes, *said, *remarks, *contradictions(from_tables, errors)]
-    notes += [*misfits(joint, tests), *weakly_identified(joint)]
-    work = _Evaluation(
-        BenchFiles(tests, read.drives, known, tuple(notes)), gear, from_tables, errors,
-        (names, covariance), joint, tied, given.method,
-    )  # fmt: skip
-    return work.bench()
+    found, names, covariance = propagated(tests, known, gear, joint.sigma)
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found)]
+    notes += [*misfits(joint, tests), *weakly_identified(joint), *_against_print(tests)]
+    method = given.method
+    if method == "auto":
+        method = "joint" if read.drives else "separate"
+    return MotorBench(
+        tests, read.drives, gear, found, (names, covariance), joint, tied, method, tuple(notes)
+    )
+
+
+def _against_print(tests: Sequence[SteadyTest]) -> list[str]:
+    """How well the constants that the thesis prints predict its own tables."""
+    if not is_the_thesis(tests):
+        return []
+    worst = 100.0 * max(abs(e) for e in printed_against(tests))
+    return [
+        f"The constants that the thesis prints predict its speeds without load within "
+        f"{worst:.1f} %."
+    ]
 
 
 def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float, list[str]]:
@@ -204,107 +293,6 @@ def _sided(
         f"{names}: the torque is taken at the motor's shaft; at the output shaft it would be "
         f"{gear:g} times too small for Kem. Call the column motor_torque_Nm."
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class _Evaluation:
-    """Everything that was found, on its way into one result."""
-
-    files: BenchFiles
-    gear: float
-    found: tuple[Route, ...]
-    errors: tuple[float, ...]
-    spread: tuple[tuple[str, ...], Array]
-    joint: JointFit
-    tied: bool
-    asked: str
-
-    @cached_property
-    def thesis(self) -> bool:
-        return is_the_thesis(self.files.tests)
-
-    @cached_property
-    def of_joint(self) -> dict[str, float]:
-        return dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
-
-    @property
-    def method(self) -> str:
-        if self.asked != "auto":
-            return self.asked
-        return "joint" if self.files.drives else "separate"
-
-    def bench(self) -> MotorBench:
-        tests, notes = self.files.tests, list(self.files.notes)
-        if self.thesis:
-            worst = 100.0 * max(abs(e) for e in printed_against(tests))
-            notes.append(
-                f"The constants that the thesis prints predict its speeds without load within "
-                f"{worst:.1f} %."
-            )
-        values, names, covariance = self._chosen()
-        table = tuple(self._row(name, values, names, covariance) for name in CONSTANTS)
-        every = vars(self.joint.constants) | {k: v for k, v in values.items() if k in CONSTANTS}
-        return MotorBench(
-            tests,
-            self.files.drives,
-            self.gear,
-            table,
-            names,
-            covariance,
-            tuple(zip(self.found, self.errors, strict=True)),
-            self.joint,
-            MotorConstants(**every),
-            tuple(notes),
-            self.method,
-        )
-
-    def _chosen(self) -> tuple[dict[str, float], tuple[str, ...], Array]:
-        """Values, names and covariance by the method, completed by the other one."""
-        if self.method == "joint":
-            values, names, covariance = {**self.of_joint}, self.joint.names, self.joint.covariance
-        else:
-            names, covariance = self.spread
-            values = self.of_joint | values_of(self.found)
-        if self.tied:
-            values["Kc"] = values["Kem"]
-        kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
-        determined = {n: v for n, v in values.items() if n not in self.joint.undetermined}
-        return determined, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
-
-    def _row(
-        self, name: str, values: Mapping[str, float], names: Sequence[str], covariance: Array
-    ) -> Estimate:
-        source = "Kem" if name == "Kc" and self.tied else name
-        value, error = values.get(name), None
-        if source in names:
-            k = list(names).index(source)
-            error = float(np.sqrt(covariance[k, k]))
-            if self.method == "separate" and source in self.of_joint:
-                # what the way of evaluation changes is an error as well
-                other = values_of(self.found)[source] - self.of_joint[source]
-                error = float(np.hypot(error, other))
-        elif value is not None and source in self.of_joint:
-            k = self.joint.names.index(source)
-            error = float(np.sqrt(self.joint.covariance[k, k]))
-        recomputable, reason = value is not None, self._reason(name, value)
-        published = None
-        if self.thesis and name in PRINTED:
-            published, (recomputable, why) = getattr(PUBLISHED, name), PRINTED[name]
-            reason = f"{reason}; {why}"
-        if error is not None and not np.isfinite(error):
-            error = None
-        unit = CONSTANTS[name][0]
-        return Estimate(name, unit, value, error, published, recomputable, reason)
-
-    def _reason(self, name: str, value: float | None) -> str:
-        if name == "Kc" and self.tied:
-            return "set equal to Kem, because no torque was measured"
-        if value is None:
-            return WHY_UNDETERMINED.get(name, "not identifiable from these files")
-        how = {r.name: r.how for r in reversed(self.found)}
-        if self.method == "separate" and name in how:
-            return how[name]
-        return "all experiments at once" if how or len(self.files.drives) > 1 else "the drive"
 
 
 WHY_UNDETERMINED = {

@@ -91,7 +91,7 @@ def require_plausible(values: Mapping[str, float]) -> None:
         )
 
 
-def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[str]:
+def contradictions(estimates: Sequence[Route]) -> list[str]:
     """Sentences on experiments whose values of a constant exclude each other.
 
     Several evaluations of one experiment bracket the constant: the stall torque over the whole
@@ -100,26 +100,24 @@ def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[
     """
     said, bracketed = [], False
     for name in CONSTANTS:
-        by_experiment: dict[str, list[tuple[Route, float]]] = {}
-        for r, e in zip(estimates, errors, strict=True):
+        by_experiment: dict[str, list[Route]] = {}
+        for r in estimates:
             if r.name == name:
-                by_experiment.setdefault(r.how.partition(":")[0], []).append((r, e))
+                by_experiment.setdefault(r.how.partition(":")[0], []).append(r)
         if name == "Kc" and max(map(len, by_experiment.values()), default=0) > 1:
             bracketed = True
         if name in ("f", "C0") and bracketed:
             continue  # lines under load and without it part by what Kc is wrong by
         for one, other in combinations(by_experiment.values(), 2):
-            low, high = sorted((one, other), key=lambda some: min(r.value for r, _ in some))
-            a, ea = max(low, key=lambda of: of[0].value)
-            b, eb = min(high, key=lambda of: of[0].value)
-            apart = (b.value - a.value) / max(np.hypot(ea, eb), 1e-300)
+            low, high = sorted((one, other), key=lambda some: min(r.value for r in some))
+            a, b = max(low, key=lambda r: r.value), min(high, key=lambda r: r.value)
+            apart = (b.value - a.value) / max(np.hypot(a.std_error, b.std_error), 1e-300)
             if apart > APART:
                 said.append(
-                    f"{name} contradicts itself: {a.value:.4g} ± {NORMAL * ea:.2g} ({a.how}), but "
-                    f"{b.value:.4g} ± {NORMAL * eb:.2g} ({b.how}), {apart:.1f} standard errors "
-                    "apart."
+                    f"{name} contradicts itself: {a.words}, but {b.words}, {apart:.1f} standard "
+                    "errors apart."
                 )
-    first = {r.name: (r.value, e) for r, e in reversed(list(zip(estimates, errors, strict=True)))}
+    first = {r.name: (r.value, r.std_error) for r in reversed(estimates)}
     if "Kc" in first and "Kem" in first:
         said += _power(*first["Kc"], *first["Kem"])
     return said

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.fitting.differences import slopes
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
@@ -18,13 +19,18 @@ class Route:
     """A constant from one experiment.
 
     Attributes:
-        value: in SI.
+        value, std_error: in SI; no error where it is not asked for.
         how: the experiment and what is done with it.
     """
 
     name: str
     value: float
     how: str
+    std_error: float = 0.0
+
+    @property
+    def words(self) -> str:
+        return f"{self.value:.4g} ± {NORMAL * self.std_error:.2g} ({self.how})"
 
 
 def routes(
@@ -200,9 +206,8 @@ def propagated(
     known: Mapping[str, KnownValue],
     gear: float,
     sigma: Mapping[tuple[str, str], float],
-    tied: bool,
-) -> tuple[tuple[float, ...], Array, tuple[str, ...]]:
-    """Standard errors of every route, and the covariance of the first value of each constant.
+) -> tuple[tuple[Route, ...], tuple[str, ...], Array]:
+    """Every route with its standard error, and the covariance of the first value of each constant.
 
     First-order propagation, cov = Σ σ² g gᵀ with g the slope of all values over one measurement:
     the same measurements and the same R enter several constants, whose errors are thereby
@@ -211,10 +216,9 @@ def propagated(
     Args:
         gear: turns of the motor for one of the output shaft.
         sigma: noise level by (file, quantity), in SI.
-        tied: whether Kc is Kem.
 
     Returns:
-        Standard errors of the routes; covariance (n, n); names of the n constants.
+        The routes; names of the n constants; covariance (n, n).
     """
     here = routes(tests, known, gear)
     names = tuple(n for n in CONSTANTS if n in values_of(here))
@@ -245,4 +249,6 @@ def propagated(
     ]
     changes = slopes(values, p, _STEP * np.abs(p)) * np.array(errors)
     of_routes, of_constants = changes[: len(here)], changes[len(here) :]
-    return tuple(np.linalg.norm(of_routes, axis=1).tolist()), of_constants @ of_constants.T, names
+    std_errors = np.linalg.norm(of_routes, axis=1).tolist()
+    found = tuple(replace(r, std_error=e) for r, e in zip(here, std_errors, strict=True))
+    return found, names, of_constants @ of_constants.T

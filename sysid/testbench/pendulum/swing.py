@@ -12,7 +12,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, row_times
+from sysid.data.reading.row_times import row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -174,10 +174,7 @@ def _span(values: Array) -> float:
 def _times(
     table: Table, names: tuple[str, ...], options: ReadOptions
 ) -> tuple[Array, tuple[Finding, ...]]:
-    choice = choose_columns(
-        table.names, (NO_INPUT,), names, options.time, table.where, ColumnReader(table),
-        options.ts is not None,
-    )  # fmt: skip
+    choice = choose_columns(table, (NO_INPUT,), names, options.time, options.ts is not None)
     clock = row_times(table, choice.clock, options.units, options.ts)
     untold = [f for f in clock.findings if f.code == "sample-time" and f.severity > Severity.NOTE]
     if untold and options.ts is None:

@@ -16,7 +16,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, row_times
+from sysid.data.reading.row_times import row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.data.unit_words import ending
@@ -229,9 +229,7 @@ def _times(
     """Instants of the rows from the first on, or None for a table without a time."""
     if not names:
         return None, ()
-    choice = choose_columns(
-        table.names, (NO_INPUT,), tuple(names), None, table.where, ColumnReader(table)
-    )
+    choice = choose_columns(table, (NO_INPUT,), tuple(names))
     if choice.clock is None:
         return None, ()
     clock = row_times(table, choice.clock, units, None)

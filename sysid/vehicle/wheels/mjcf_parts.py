@@ -115,14 +115,11 @@ class Row:
         """
         grip = 1.0 if self.friction is None else self.friction
         force = grip * self.load * len(self.places) * self.r
-        return f'<velocity {self._acts} kv="{force / SERVO_SLIP!r}"/>'
-
-    def motor(self, torque: float) -> str:
-        """What turns them by a torque [Nm] for each unit of a control."""
-        return f'<motor {self._acts} gear="{torque!r}"/>'
+        return f'<velocity {self.acts} kv="{force / SERVO_SLIP!r}"/>'
 
     @property
-    def _acts(self) -> str:
+    def acts(self) -> str:
+        """Attributes of an actuator that turns them."""
         return f"name={quoteattr(self.name)} joint={quoteattr(self.joints[0])}"
 
 

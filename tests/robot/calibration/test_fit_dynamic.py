@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Capture, run, write_log
-from sysid_datasets.multibody import Machine, columns, drive, random_schedule, schedule
+from sysid_datasets.multibody import Machine, columns, drive, random_schedule, schedule, scrub
 
 from sysid.data.record import Channel, Record
 from sysid.errors import DataError, ModelError, UsageError
@@ -74,7 +74,7 @@ def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
 @pytest.mark.slow
 def test_it_weighs_the_vehicle_of_another_engine(weighed: DynamicFit) -> None:
     numbers = named(weighed.numbers())
-    moment, _ = MACHINE.scrub
+    moment, _ = scrub(MACHINE)
     truth = {
         "mass": MACHINE.mass,
         "rolling_resistance": MACHINE.rolling * MACHINE.mass * 9.81,

@@ -19,7 +19,7 @@ from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.registry import kinds, law_class
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission
-from sysid.robot.mission.tracks.nominal import nominal_of
+from sysid.robot.mission.tracks.settling import nominal_of
 from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry
 

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple, cast
 
 from sysid.effects.catalogue import effect
 from sysid.export.c.loop.block import Law
-from sysid.export.c.loop.laws import documented, numbers, with_numbers
-from sysid.export.c.loop.members import described
+from sysid.export.c.loop.laws import described, documented, numbers, with_numbers
 from sysid.export.c.loop.trees import Path, identifier
 from sysid.robot.mission.contracts import (
     Body,

@@ -11,7 +11,6 @@ from sysid.data.record import Array
 from sysid.robot.mission.contracts import Scene
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation
-from sysid.robot.mission.vehicle_spec import floor_of
 from sysid.vehicle.soil import Soil
 
 LEAST = 0.05
@@ -116,7 +115,3 @@ class PhysicsSampler:
             changed_keys |= {"soil": soils[0]}
             changed_keys |= {"patches": tuple(replace(p, soil=s) for p, s in patches)}
         return changed_keys
-
-    def scene(self, scene: Scene, values: Sequence[Any]) -> Scene:
-        varied = self.mission.with_physics(self.overrides(values))
-        return scene._replace(car=varied.car, floor=floor_of(varied.physics))

@@ -2,6 +2,7 @@
 
 The loop is :class:`sysid.robot.mission.loop.Loop` itself on traced numbers, one run of it, which
 JAX makes into many. A run that has ended goes on unseen: its figures are those of its last sample.
+Both clocks of a mission are arrays for it, in blocks of samples.
 """
 
 import itertools
@@ -9,17 +10,82 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, ClassVar
 
 import numpy as np
 
+from sysid.data.record import Array, Index
 from sysid.errors import ModelError
-from sysid.robot.mission.batch.clock import BLOCK, Block, Clock, Pattern
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
-from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict
+from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.simulator import LIMITS
 from sysid.runners.compiled import compiled, jax_module
+
+BLOCK = 32
+"""Samples between two looks at whether all runs have ended: a tenth of a usual mission."""
+
+Pattern = tuple[int, int]
+"""Control instants before a sample and together with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some samples one after the other.
+
+    Attributes:
+        t, dt: of every sample [s], (BLOCK,).
+        kinds: its pattern, as an index into all patterns, (BLOCK,).
+        instants: its control instants, padded with zeros, (BLOCK, most) [s].
+    """
+
+    t: Array
+    dt: Array
+    kinds: Index
+    instants: Array
+
+
+class Clock:
+    """The samples of a mission, in blocks, made as they are asked for and kept.
+
+    The instants of both clocks differ from sample to sample in number, of which there are few
+    kinds; a compiled loop has a branch for each.
+
+    Args:
+        dt: of the plant [s].
+        period: of control [s].
+
+    Attributes:
+        patterns: in the order in which they first occur; it grows with the blocks.
+    """
+
+    def __init__(self, dt: float, period: float) -> None:
+        self._ticks: Iterator[Tick] = ticks(dt, period)
+        self._rows: list[list[Tick]] = []
+        self.patterns: list[Pattern] = []
+
+    def block(self, k: int) -> Block:
+        while len(self._rows) <= k:
+            rows = list(islice(self._ticks, BLOCK))
+            self._rows.append(rows)
+            for tick in rows:
+                pattern = (len(tick.before), len(tick.now))
+                if pattern not in self.patterns:
+                    self.patterns.append(pattern)
+        rows = self._rows[k]
+        most = max(1, *(sum(p) for p in self.patterns))
+        instants = np.zeros((len(rows), most))
+        for row, tick in zip(instants, rows, strict=True):
+            both = (*tick.before, *tick.now)
+            row[: len(both)] = both
+        return Block(
+            np.array([tick.t for tick in rows]),
+            np.array([tick.dt for tick in rows]),
+            np.array([self.patterns.index((len(r.before), len(r.now))) for r in rows]),
+            instants,
+        )
+
 
 BATCH_SIZE = 1024
 """Runs side by side at most. Their states fit into a core's cache, and a call of compiled code
@@ -84,18 +150,18 @@ class BatchRunner(ABC):
         return Clock(self.variant.robot.dt, self.setup.mission.control.period)
 
     def run(
-        self,
-        numbers: Any,
-        seeds: Sequence[int],
-        seen: Callable[[Block, Any], None] | None = None,
-    ) -> Any:
+        self, numbers: Any, seeds: Sequence[int], recorded: bool = False
+    ) -> tuple[Any, Array, Any]:
         """Run them all to their ends.
 
         Args:
             numbers: a tuple of what differs from run to run, runs along axis 0; at most
                 ``batch_size`` of them.
             seeds: of the sensors' noise, one a run.
-            seen: takes each block and what is shown of its samples, (BLOCK, …, batch_size).
+            recorded: whether what is shown of the samples is kept.
+
+        Returns:
+            The figures; of what is recorded the instants, (T,) [s], and the values, (T, …, runs).
         """
         jax = jax_module()
         jnp, n = jax.numpy, len(seeds)
@@ -103,16 +169,20 @@ class BatchRunner(ABC):
         numbers = jax.tree.map(lambda values: jnp.asarray(values[rows]), numbers)
         noise = self._noise([seeds[k] for k in rows])
         state, ended = self._starts(numbers), self._nothing
+        times, kept = [np.zeros(0)], list[Any]()
         for k in itertools.count():
             block = self.clock.block(k)
             program = self._program(tuple(self.clock.patterns))
             at = block.t, block.dt, block.kinds, block.instants
             (state, ended), shown = program(numbers, state, ended, at, next(noise))
-            if seen is not None:
-                seen(block, jax.tree.map(np.asarray, shown))
+            if recorded:
+                times.append(block.t)
+                kept.append(jax.tree.map(lambda values: np.asarray(values)[..., :n], shown))
             if bool(np.all(np.asarray(ended.verdict) != Verdict.GOES_ON)):
                 break
-        return self.figures(*(np.asarray(column)[:n].copy() for column in ended))
+        figures = self.figures(*(np.asarray(column)[:n].copy() for column in ended))
+        values = jax.tree.map(lambda *parts: np.concatenate(parts), *kept) if kept else None
+        return figures, np.concatenate(times), values
 
     def check(self) -> None:
         """Trace one run without running it; raises whatever keeps it from being compiled."""

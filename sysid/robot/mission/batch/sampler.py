@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,16 @@ def is_run_seed(seed: int) -> bool:
     return seed >= _FIRST
 
 
+class Numbers(NamedTuple):
+    """What one run differs in, plain or traced, or many runs along axis 0; see :class:`Samples`."""
+
+    theta: Any
+    start: Any
+    obstacles: Any
+    slip: Any
+    physics: Any
+
+
 class Samples(NamedTuple):
     """What K runs of one plant differ in.
 
@@ -67,6 +77,11 @@ class Samples(NamedTuple):
     redrawn: Index
     pulled: Flags
     physics: Array
+
+    @property
+    def numbers(self) -> Numbers:
+        """What the runs take."""
+        return Numbers(self.theta, self.start, self.obstacles, self.slip, self.physics)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +160,21 @@ class Sampler:
         again = again + redrawn
         physics = self.physics.drawn(q)
         return Samples(tuple(seeds), theta, start, obstacles, slip, inputs, again, pulled, physics)
+
+    def varied(self, numbers: Numbers) -> Mission:
+        """The mission of one run; its numbers are taken as they are."""
+        mission = self.mission
+        changed: dict[str, Any] = {}
+        if self.variation.start:
+            changed["start"] = tuple(numbers.start[k] for k in range(3))
+        if self.moves_obstacles:
+            changed["obstacles"] = tuple(
+                o.model_copy(update={"x": numbers.obstacles[k][0], "y": numbers.obstacles[k][1]})
+                for k, o in enumerate(mission.obstacles)
+            )
+        physics = [numbers.physics[k] for k in range(self.physics.size)]
+        varied = mission.model_copy(update=changed)
+        return varied.with_physics(self.physics.overrides(physics))
 
     def _plants(self, seeds: Sequence[int], dry: Array) -> tuple[Array, Array, Index, Flags]:
         """θ, the numbers behind it, draws made again, and which were pulled."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.robot.mission.batch.sampler import Sampler, Samples
+from sysid.robot.mission.batch.sampler import Numbers, Sampler
 from sysid.robot.mission.batch.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.robot.mission.contracts import Scene, SteppablePlant
 from sysid.robot.mission.loop import CommandShaper
@@ -184,7 +184,8 @@ class Setup:
         variant = self.plant_variants[self.choice(seed)]
         samples = variant.sampler.draw([seed])
         robot = variant.resting(samples.theta[0], float(samples.slip[0]))
-        return varied_mission(variant.sampler, samples), robot, self.noise_seed(seed)
+        numbers = Numbers(*(values[0].tolist() for values in samples.numbers))
+        return variant.sampler.varied(numbers), robot, self.noise_seed(seed)
 
     def simulated(self, seed: int) -> MissionResult:
         """One run, as :func:`sysid.robot.mission.simulator.simulate` gives it."""
@@ -194,19 +195,6 @@ class Setup:
     def known(self, seed: int) -> RobotPlant:
         """The robot that control takes a run's for: that of the estimated plant."""
         return self.plant_variants[self.choice(seed)].robot
-
-
-def varied_mission(sampler: Sampler, samples: Samples) -> Mission:
-    """The mission of the first of some runs."""
-    mission = sampler.mission
-    changed: dict[str, Any] = {}
-    if sampler.variation.start:
-        changed["start"] = tuple(samples.start[0].tolist())
-    if sampler.moves_obstacles:
-        pairs = zip(mission.obstacles, samples.obstacles[0].tolist(), strict=True)
-        changed["obstacles"] = tuple(o.model_copy(update={"x": x, "y": y}) for o, (x, y) in pairs)
-    varied = mission.model_copy(update=changed)
-    return varied.with_physics(sampler.physics.overrides(samples.physics[0].tolist()))
 
 
 def _unknown(plant: VariedPlant) -> str:

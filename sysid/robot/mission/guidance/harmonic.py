@@ -6,8 +6,8 @@ from pydantic import Field
 
 from sysid.errors import ModelError
 from sysid.robot.mission.contracts import GuidanceInputs, Pose, References, Scene
+from sysid.robot.mission.guidance.field import moves, moving_force
 from sysid.robot.mission.guidance.harmonic_grid import HarmonicGrid, solved
-from sysid.robot.mission.guidance.moving import moves, moving_force
 from sysid.robot.mission.guidance.pure_pursuit import paced
 from sysid.robot.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.robot.mission.traits import GuidanceAdvice, GuidanceTraits, Hold

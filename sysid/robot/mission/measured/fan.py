@@ -25,7 +25,7 @@ from sysid.robot.mission.measured.drive import (
     command_begins,
     sets_off,
 )
-from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
+from sysid.robot.mission.monte_carlo.runs import RunPaths, run_paths
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Spread, StartSpread

@@ -8,17 +8,15 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError, SysidError
-from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.runner import FAILED, BatchRunner
-from sysid.robot.mission.batch.sampler import Samples
+from sysid.robot.mission.batch.sampler import Numbers, Samples
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import off_line
-from sysid.robot.mission.contracts import Pose, Scene
+from sysid.robot.mission.contracts import Scene
 from sysid.robot.mission.loop import Loop, LoopState, Verdict
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import closed_loop
 from sysid.runners.compiled import jax_module
-from sysid.vehicle.kinematics import wrap_angle
 
 OUTCOMES = ("arrived", "missed", "collision", "stuck", "timeout", "failed")
 """In the order of the report."""
@@ -84,36 +82,23 @@ def joined(parts: Sequence[Figures], order: Index) -> Figures:
     return Figures(verdict.astype(np.intp), *(n.astype(np.float64) for n in numbers))
 
 
-class Numbers(NamedTuple):
-    """What a compiled run takes: one row of :class:`Samples`."""
-
-    theta: Any
-    start: Any
-    obstacles: Any
-    slip: Any
-    physics: Any
-
-
 @dataclass(frozen=True, eq=False)
 class VariedRuns(BatchRunner):
     """Runs with parameters, start, obstacles, slip and physics of their own."""
 
     figures: ClassVar[Callable[..., Any]] = Figures
 
-    def of(
-        self, samples: Samples, seen: Callable[[Block, tuple[Any, Any]], None] | None = None
-    ) -> Figures:
-        """Run samples to their ends.
-
-        Args:
-            samples: at most ``batch_size`` runs.
-            seen: takes each block with its verdicts (BLOCK, batch_size) and X, Y [m], ψ [rad],
-                (BLOCK, 3, batch_size).
-        """
-        numbers = Numbers(*(getattr(samples, f) for f in Numbers._fields))
-        seeds = [self.setup.noise_seed(s) for s in samples.seeds]
-        figures: Figures = self.run(numbers, seeds, seen)
+    def of(self, samples: Samples) -> Figures:
+        """Run samples, at most ``batch_size`` of them, to their ends."""
+        figures: Figures = self.run(samples.numbers, self._noise_seeds(samples))[0]
         return figures
+
+    def paths(self, samples: Samples) -> tuple[Figures, Array, Array]:
+        """Run them, and keep the instants, (T,) [s], and X, Y [m], ψ [rad], (T, 3, runs)."""
+        return self.run(samples.numbers, self._noise_seeds(samples), recorded=True)
+
+    def _noise_seeds(self, samples: Samples) -> list[int]:
+        return [self.setup.noise_seed(s) for s in samples.seeds]
 
     @property
     def example(self) -> Numbers:
@@ -128,20 +113,10 @@ class VariedRuns(BatchRunner):
         return closed_loop(self.setup.mission, robot, self._scene(numbers), xp, variant.shaper)
 
     def _scene(self, numbers: Numbers) -> Scene:
-        scene = self.variant.scene
-        if self.setup.variation.start:
-            x, y, psi = (numbers.start[k] for k in range(3))
-            scene = scene._replace(start=Pose(x, y, wrap_angle(psi)))
-        if self.variant.sampler.moves_obstacles:
-            moved = (
-                o._replace(x=numbers.obstacles[k, 0], y=numbers.obstacles[k, 1])
-                for k, o in enumerate(scene.obstacles)
-            )
-            scene = scene._replace(obstacles=tuple(moved))
-        physics = self.variant.sampler.physics
-        if physics.size:
-            scene = physics.scene(scene, [numbers.physics[k] for k in range(physics.size)])
-        return scene
+        there = self.variant.sampler.varied(numbers).scene()
+        return self.variant.scene._replace(
+            start=there.start, obstacles=there.obstacles, car=there.car, floor=there.floor
+        )
 
     def after_sample(self, loop: Loop, state: LoopState, verdict: Any) -> Figures:
         pose, progress, scene = state.body.pose, state.progress, loop.scene
@@ -153,8 +128,8 @@ class VariedRuns(BatchRunner):
         farthest = jax_module().numpy.maximum(before.max_deviation_m, seen.max_deviation_m)
         return seen._replace(max_deviation_m=farthest)
 
-    def shown(self, figures: Figures, row: Any) -> tuple[Any, Any]:
-        return figures.verdict, jax_module().numpy.stack([figures.x, figures.y, figures.psi])
+    def shown(self, figures: Figures, row: Any) -> Any:
+        return jax_module().numpy.stack([figures.x, figures.y, figures.psi])
 
 
 def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:

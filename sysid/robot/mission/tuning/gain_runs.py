@@ -9,7 +9,6 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.pool import PROCESSES, Job
 from sysid.robot.mission.batch.runner import FAILED, BatchRunner
 from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Verdict
@@ -113,18 +112,10 @@ class GainRuns(BatchRunner):
 
     def together(self, runs: Runs) -> Driven:
         """At most ``batch_size`` of them, side by side."""
-        rows: list[tuple[Array, Array, Array]] = []
-
-        def keep(block: Block, shown: tuple[Array, Array]) -> None:
-            v, psi = (s[:, : len(runs.seeds)] for s in shown)
-            rows.append((block.t, v, psi))
-
-        numbers, seen = (runs.gains, runs.theta), keep if self.recorded else None
-        ended: Tally = self.run(numbers, runs.seeds, seen)
-        if not rows:
-            nothing = np.zeros((0, len(runs.seeds)))
-            return Driven(*ended, np.zeros(0), nothing, nothing)
-        t, v, psi = (np.concatenate(column) for column in zip(*rows, strict=True))
+        numbers, nothing = (runs.gains, runs.theta), np.zeros((0, len(runs.seeds)))
+        ended: Tally
+        ended, t, shown = self.run(numbers, runs.seeds, self.recorded)
+        v, psi = shown or (nothing, nothing)
         kept = t <= ended.time_s.max()
         return Driven(*ended, t[kept], v[kept], psi[kept])
 

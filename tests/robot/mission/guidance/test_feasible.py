@@ -16,7 +16,7 @@ from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import scene_of, simulate
 from sysid.robot.mission.spec import load_mission
-from sysid.robot.mission.tracks.nominal import limits_of
+from sysid.robot.mission.tracks.settling import limits_of
 from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry
 

@@ -8,8 +8,13 @@ from hypothesis import strategies as st
 from mission_cases import Robot, goal
 
 from sysid.robot.mission.contracts import Body, Disc, Pose
-from sysid.robot.mission.guidance.field import PotentialField, repulsive_force
-from sysid.robot.mission.guidance.moving import BRAKING, braked_distance, moving_force
+from sysid.robot.mission.guidance.field import (
+    BRAKING,
+    PotentialField,
+    braked_distance,
+    moving_force,
+    repulsive_force,
+)
 from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import simulate
 from sysid.runners import floats

@@ -21,7 +21,7 @@ from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.robot.mission.measured.drive import MeasuredDrive
 from sysid.robot.mission.measured.fan import Comparison, against_runs, compared
-from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
+from sysid.robot.mission.monte_carlo.runs import RunPaths, run_paths
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation

@@ -21,8 +21,7 @@ from sysid.robot.mission.batch.sampler import Sampler, run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.batch.varied_plant import ModelPlant
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns, wilson
-from sysid.robot.mission.monte_carlo.paths import paths_of
-from sysid.robot.mission.monte_carlo.runs import simulate_runs
+from sysid.robot.mission.monte_carlo.runs import paths_of, simulate_runs
 from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
 from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns
 from sysid.robot.mission.spec import load_mission
