@@ -71,6 +71,9 @@ VECTORS = word_set("acc accel acceleration gyro gyr mag magnetometer imu wind")
 PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 """Words of measurements that are not of motion."""
 
+TAGS = word_set("tic pic fic lic")
+"""Letters by which plants tag controllers of temperature, pressure, flow and level (ISA-5.1)."""
+
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
 """Units of such measurements in a record, where no word states what is measured."""
 
@@ -255,7 +258,8 @@ def may_move(name: str, unit: str) -> bool:
     base, _ = ending(name)
     parts = _with_pairs(words(base))
     moves = _rank(parts, SPEEDS) is not None or _rank(parts, MEASUREMENTS[3:]) is not None
-    return moves or (_rank(parts, PROCESS_MEASUREMENTS) is None and unit not in PROCESS_UNITS)
+    named = bool(TAGS & {*parts}) or _rank(parts, PROCESS_MEASUREMENTS) is not None
+    return moves or not (named or unit in PROCESS_UNITS)
 
 
 def is_actuator(meant: Meaning) -> bool:

@@ -64,6 +64,7 @@ def test_an_oven_is_not_spoken_of_as_a_track() -> None:
         ("level_cm", "m", False),
         ("y_force", "", False),
         ("y", "K", False),
+        ("PIC204.PV", "", False),
         ("y_tacho_V", "V", True),
         ("angle_rad", "rad", False),  # it does not integrate: a spring or a weight holds it
         ("y", "", True),

@@ -38,15 +38,17 @@ class Evidence:
     @property
     def accepted(self) -> bool:
         """The rule of acceptance that held on real records; see the decision page."""
-        return self.significant and self._improves
+        return self.significant and self.share_better > RULE.blocks and self.ratio < self.needed
 
     def rivals(self, best: "Evidence") -> bool:
         """Whether an effect may be what an accepted one is taken for.
 
         It is accepted itself, or only its numbers cost it that: in a short log ΔBIC decides by
-        them, and two models within ``RULE.bic`` of each other may both be right.
+        them, and two models within ``RULE.bic`` of each other may both be right. Where more is
+        asked of the held-out error (``needed``), that decides whether to name, and not what.
         """
-        return self._beyond_chance(max(RULE.bic, best.delta_bic - RULE.bic)) and self._improves
+        likely = self._beyond_chance(max(RULE.bic, best.delta_bic - RULE.bic))
+        return likely and self.share_better > RULE.blocks and self.ratio < RULE.held_out
 
     @property
     def significant(self) -> bool:
@@ -59,10 +61,6 @@ class Evidence:
 
     def _beyond_chance(self, bic: float) -> bool:
         return self.delta_bic < bic and (self.t > RULE.t or self.p_value < RULE.p)
-
-    @property
-    def _improves(self) -> bool:
-        return self.share_better > RULE.blocks and self.ratio < self.needed
 
 
 def effective_samples(errors: Sequence[Array]) -> Array:

@@ -53,4 +53,6 @@ def test_what_only_its_numbers_cost_acceptance_may_be_right_too() -> None:
     assert dead_zone.rivals(friction)
     assert not dead_zone.rivals(replace(friction, delta_bic=-9.0))  # more than 6 apart
     assert not replace(dead_zone, ratio=0.95).rivals(friction)
+    in_loop = replace(dead_zone, ratio=0.71, needed=0.7)  # whether to name, not what
+    assert in_loop.rivals(replace(friction, ratio=0.67, needed=0.7))
     assert replace(dead_zone, delta_bic=-7.0).rivals(replace(friction, delta_bic=-90.0))
