@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
@@ -12,7 +13,10 @@ from ..options import command, option
 
 @command
 def export(
-    model: str | None = reading.model("Which model [of the last diagnosis, comparison or fit]."),
+    which: str | None = reading.ids(
+        "[MODEL]", "Id of the model, or its beginning [of the last diagnosis, comparison or fit]."
+    ),
+    model: str | None = reading.model("The same as MODEL."),
     output: Path | None = targets.target("DIR|FILE.zip", "Output path [WORKSPACE/plant]."),
     formats: str | None = option(
         "NAME[,NAME]",
@@ -41,7 +45,9 @@ def export(
 
         mission = load_mission(controller)
     place = Workspace(workspace)
-    stored = place.chosen(model)
+    if None not in (which, model) and which != model:
+        raise UsageError(f"MODEL is {which} and --model {model}; give one of them")
+    stored = place.chosen(which or model)
     with place.locked():  # two exports to one place would each move away what the other made
         path = write_package(
             stored.model,

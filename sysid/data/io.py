@@ -32,7 +32,8 @@ from sysid.data.reading.timing import (
     Grid,
     ResamplePolicy,
     Segment,
-    onto_grid,
+    held_on_grid,
+    measured_on_grid,
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
@@ -385,7 +386,7 @@ def _record(
     u[:, :nu] *= [c.scale for c in inputs]
     rest[:, :ny] *= [c.scale for c in outputs]
     if not segment.even:
-        u, rest = onto_grid(t[part], dt, u, rest)
+        u, rest = held_on_grid(t[part], dt, u), measured_on_grid(t[part], dt, rest)
     return Record(
         u=u[:, :nu],
         y=rest[:, :ny],

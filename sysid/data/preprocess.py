@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,11 +136,7 @@ def low_pass(record: Record, cutoff: float) -> Record:
             f"a low-pass cut-off of {cutoff:g} Hz is impossible at {1 / record.dt:g} samples per "
             f"second; choose between 0 and {nyquist:g} Hz"
         )
-    from scipy import signal
-
-    sections = signal.butter(4, cutoff / nyquist, output="sos")
-    settled = signal.sosfilt_zi(sections)[:, :, None]
-    return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
+    return _butterworth(record, 4, cutoff / nyquist, "lowpass")
 
 
 def band_pass(record: Record, low: float, high: float) -> Record:
@@ -158,9 +154,15 @@ def band_pass(record: Record, low: float, high: float) -> Record:
             f"a band from {low:g} to {high:g} Hz is impossible at {1 / record.dt:g} samples per "
             f"second; its ends must rise between 0 and {nyquist:g} Hz"
         )
+    return _butterworth(record, 2, (low / nyquist, high / nyquist), "bandpass")
+
+
+def _butterworth(
+    record: Record, order: int, ends: Any, kind: Literal["lowpass", "bandpass"]
+) -> Record:
     from scipy import signal
 
-    sections = signal.butter(2, (low / nyquist, high / nyquist), "bandpass", output="sos")
+    sections = signal.butter(order, ends, kind, output="sos")
     settled = signal.sosfilt_zi(sections)[:, :, None]
     return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
-import numpy as np
-
 from sysid.data.finding import Finding, Severity
-from sysid.data.reading.timing import onto_grid
-from sysid.data.record import Array, Channel, Record
+from sysid.data.reading.timing import held_on_grid, measured_on_grid
+from sysid.data.record import Channel, Record
 from sysid.errors import DataError
 
 SAME_CLOCK = 0.01
@@ -87,30 +86,16 @@ def at_step(record: Record, dt: float) -> Record:
         dt: the step [s].
     """
     ratio = dt / record.dt
-    if abs(ratio - 1.0) <= SAME_CLOCK:
-        return record if record.dt == dt else _with_step(record, dt)
     rows = round(ratio)
-    if abs(ratio / rows - 1.0) <= SAME_CLOCK / len(record):
-        return _with_step(record.every(rows), dt)
-    references = record.references if record.references is not None else record.u[:, :0]
-    pose = record.pose if record.pose is not None else record.y[:, :0]
-    held = np.column_stack([record.u, references])
-    u, y = onto_grid(record.t, dt, held, np.column_stack([record.y, pose]))
-    return _with_step(record, dt, u, y)
-
-
-def _with_step(record: Record, dt: float, u: Array | None = None, y: Array | None = None) -> Record:
-    if u is None or y is None:
-        return replace(record, dt=dt)
-    return replace(
-        record,
-        dt=dt,
-        u=u[:, : record.nu],
-        y=y[:, : record.ny],
-        references=None if record.references is None else u[:, record.nu :],
-        pose=None if record.pose is None else y[:, record.ny :],
-        weights=None,
-    )
+    if record.dt == dt:
+        return record
+    if abs(ratio - 1.0) > SAME_CLOCK:
+        if abs(ratio / rows - 1.0) <= SAME_CLOCK / len(record):
+            record = record.every(rows)
+        else:
+            between = (partial(put, record.t, dt) for put in (measured_on_grid, held_on_grid))
+            record = replace(record, weights=None, unused=None).mapped(*between)
+    return replace(record, dt=dt)
 
 
 def common_step(

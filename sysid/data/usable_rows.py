@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.bags.clocks import Timed
 from sysid.data.bags.grid import aligned
 from sysid.data.bags.streams import Stream
 from sysid.data.column_words import is_set_point
@@ -154,15 +153,14 @@ def _at_own_rates(
         if np.count_nonzero(there) < 2:
             continue  # a set point that is written once leads nothing
         values = column[there] if name in held else without_turns(column[there])[0]
-        nothing = np.full(len(values), np.nan)
-        stream = Stream(name, "", t[there], nothing, values[:, None], (name,), ("",), (name,))
-        streams.append(Timed(stream, t[there], "", np.nan, ()))
-    held |= {s.stream.topic for s in streams if _is_written_at_changes(s)}
-    measured = [s for s in streams if s.stream.topic not in held]
+        no_stamps = np.full(len(values), np.nan)
+        streams.append(Stream(name, t[there], no_stamps, values[:, None], (name,)))
+    held |= {s.topic for s in streams if _is_written_at_changes(s)}
+    measured = [s for s in streams if s.topic not in held]
     step = None if measured else float(np.median(np.diff(t)))
     t, shared, grid, _ = aligned(streams, held, step, table.where, measured)
     rates = ", ".join(
-        f"{s.stream.topic} {_rate(s)}{' (held)' if s.stream.topic in held else ''}" for s in streams
+        f"{s.topic} {_rate(s)}{' (held)' if s.topic in held else ''}" for s in streams
     )
     text = (
         f"{table.where}: columns have rates of their own: {rates}; one row every "
@@ -177,12 +175,12 @@ def _at_own_rates(
     return UsableRows(t, values, references, source.place, (*findings, note))
 
 
-def _is_written_at_changes(stream: Timed) -> bool:
+def _is_written_at_changes(stream: Stream) -> bool:
     """Whether a value is only written when it is another one, at no steady rate."""
-    return not stream.regular and bool(np.all(np.diff(stream.stream.values[:, 0]) != 0.0))
+    return not stream.regular and bool(np.all(np.diff(stream.values[:, 0]) != 0.0))
 
 
-def _rate(stream: Timed) -> str:
+def _rate(stream: Stream) -> str:
     return f"{1.0 / stream.step:.3g} Hz" if stream.regular else "at events"
 
 

@@ -147,7 +147,10 @@ def test_export_and_simulate_in_a_row(here: Path, capsys: pytest.CaptureFixture[
 
 def test_export_to_a_zip_of_a_chosen_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arx = Workspace(Path(".sysid")).save(robot_model("arx"), {}).id
-    assert answer(capsys, "export", "--model", "arx", "-o", "p.zip")["model"] == arx
+    for model in (("arx",), ("--model", "arx"), ("arx", "-m", "arx")):
+        assert answer(capsys, "export", *model, "-o", "p.zip")["model"] == arx
+    code, _, said = ask(capsys, ["export", "arx", "-m", "oe", "-o", "p.zip"])
+    assert (code, "give one of them" in said) == (2, True)
     result = answer(capsys, "simulate", "mission.yaml", "--plant", "p.zip", "-o", "a/b.csv")
     assert result["outcome"] == "arrived"
     assert Path("a/b.csv").exists()

@@ -37,36 +37,6 @@ LEAST_DRIFT = 50
 """Messages needed to estimate a drift."""
 
 
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A stream with the instants of its values.
-
-    Attributes:
-        stream: its messages in the order of these instants, none of them twice.
-        t: instants on the clock of all streams [s], rising, (N,).
-        by: ``header.stamp`` or ``the time of receipt``.
-        way: median time from stamp to receipt [s]; NaN where clocks differ, or without stamps.
-    """
-
-    stream: Stream
-    t: Array
-    by: str
-    way: float
-    findings: tuple[Finding, ...]
-
-    @property
-    def step(self) -> float:
-        """The usual step between values [s]; infinite where there are fewer than two."""
-        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
-
-    @property
-    def regular(self) -> bool:
-        """Whether it comes at a steady rate: 80 % of the steps within half of the usual one."""
-        if len(self.t) < 10:
-            return False
-        return bool(np.mean(np.abs(np.diff(self.t) / self.step - 1.0) <= 0.5) >= 0.8)
-
-
 @dataclass(frozen=True)
 class Line:
     """δ = ``offset`` + ``slope`` · (t − ``middle``): the least difference of two clocks [s]."""
@@ -86,13 +56,13 @@ def runs(recording: Streams) -> Iterator[Streams]:
     edges = [-np.inf, *recording.clock[back, 0].tolist(), np.inf]
     for low, high in pairwise(edges):
         clock = recording.clock[(recording.clock[:, 0] >= low) & (recording.clock[:, 0] < high)]
-        streams = [s.rows((s.received >= low) & (s.received < high)) for s in recording.streams]
-        if all(len(s.received) for s in streams):
+        streams = [s.rows((s.t >= low) & (s.t < high)) for s in recording.streams]
+        if all(len(s.t) for s in streams):
             yield replace(recording, streams=tuple(streams), clock=clock)
 
 
-def timed(recording: Streams, policy: str) -> tuple[Timed, ...]:
-    """Every stream at the instants of its values, all on one clock."""
+def timed(recording: Streams, policy: str) -> tuple[tuple[Stream, ...], tuple[Finding, ...]]:
+    """Every stream in the order of its instants, all on one clock, and what was done."""
     stamped = {s.topic: _doubt(s) for s in recording.streams}
     if policy == "header" and (bad := [t for t, why in stamped.items() if why]):
         raise DataError(f"{recording.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
@@ -110,13 +80,11 @@ def timed(recording: Streams, policy: str) -> tuple[Timed, ...]:
         stays = simulated or recorders_clock or (all_stamped and len(group) == len(good))
         for s in group:
             t = s.stamped if stays else s.stamped + line.at(s.stamped)
-            way = (
-                float(np.median(s.received - s.stamped))
-                if recorders_clock and not simulated
-                else np.nan
-            )
+            way = float(np.median(s.t - s.stamped)) if recorders_clock and not simulated else np.nan
             placed[s.topic] = (t, way, "" if stays else _moved(line))
-    return tuple(_timed(s, recording, stamped[s.topic], placed, policy) for s in recording.streams)
+    pairs = [_timed(s, recording, stamped[s.topic], placed, policy) for s in recording.streams]
+    streams, findings = zip(*pairs, strict=True)
+    return streams, tuple(f for of_stream in findings for f in of_stream)
 
 
 def _timed(
@@ -125,7 +93,7 @@ def _timed(
     doubt: str,
     placed: dict[str, tuple[Array, float, str]],
     policy: str,
-) -> Timed:
+) -> tuple[Stream, list[Finding]]:
     notes = []
     if stream.topic in placed:
         t, way, moved = placed[stream.topic]
@@ -133,7 +101,7 @@ def _timed(
         if moved:
             notes.append((Severity.NOTE, moved, "`stamps='received'` uses the times of receipt."))
     else:
-        t, way, by = stream.received, np.nan, "the time of receipt"
+        t, way, by = stream.t, np.nan, "the time of receipt"
         if len(recording.clock) > 1 and policy != "received":
             t = np.interp(t, recording.clock[:, 0], recording.clock[:, 1])
             by = "the time of receipt, on the clock of the simulation"
@@ -141,7 +109,7 @@ def _timed(
             notes.append((Severity.WARNING, f"{doubt}; the time of receipt was used.", ""))
     order = np.argsort(t, kind="stable")
     late = int(np.count_nonzero(np.diff(t) < 0.0))
-    stream, t = stream.rows(order), t[order]
+    t = t[order]
     keep = np.append(np.diff(t) > 0.0, True)
     twice = int(np.count_nonzero(~keep))
     if late:
@@ -152,7 +120,7 @@ def _timed(
     at = f"{recording.where}: {stream.topic}"
     findings = [Finding("bag", sev, f"{at}: {text}", do, record=recording.where)
                 for sev, text, do in notes]  # fmt: skip
-    return Timed(stream.rows(keep), t[keep], by, way, tuple(findings))
+    return replace(stream.rows(order[keep]), t=t[keep], by=by, way=way), findings
 
 
 def _messages(count: int) -> str:
@@ -200,7 +168,7 @@ def line_under(streams: Sequence[Stream]) -> Line:
     It is the edge of the lower convex hull over the mean of the stamps.
     """
     t = np.concatenate([s.stamped for s in streams])
-    delta = np.concatenate([s.received - s.stamped for s in streams])
+    delta = np.concatenate([s.t - s.stamped for s in streams])
     middle, length = float(np.mean(t)), float(np.ptp(t))
     flat = Line(float(np.min(delta)), 0.0, middle)
     if len(t) < LEAST_DRIFT or not length > 0.0:

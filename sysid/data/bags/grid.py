@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.bags.clocks import Timed
+from sysid.data.bags.streams import Stream
 from sysid.data.column_words import meaning
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.between_rows import spanned
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.timing import GAP, ROUNDING, round_period, zero_order_hold_means
+from sysid.data.reading.timing import GAP, ROUNDING, held, positions, round_period
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
@@ -57,11 +57,11 @@ def zero_order_hold_columns(names: Sequence[str], options: ReadOptions) -> froze
 
 
 def aligned(
-    streams: Sequence[Timed],
+    streams: Sequence[Stream],
     zero_order_hold: frozenset[str],
     ts: float | None,
     where: str,
-    setting: Sequence[Timed] = (),
+    setting: Sequence[Stream] = (),
 ) -> tuple[Array, dict[str, Array], Grid, tuple[Finding, ...]]:
     """Bring streams onto one grid.
 
@@ -89,21 +89,20 @@ def aligned(
     if count < MIN_SHARED_ROWS:
         raise DataError(
             f"{where}: its mapped topics share {max(count, 0)} rows of {grid.dt:.4g} s, "
-            + ", ".join(f"{s.stream.topic} from {s.t[0]:.4g} to {s.t[-1]:.4g} s" for s in streams)
+            + ", ".join(f"{s.topic} from {s.t[0]:.4g} to {s.t[-1]:.4g} s" for s in streams)
             + "; map topics that were recorded together, or choose their clock with `stamps`"
         )
     k = np.arange(first, first + count)
     rows = np.ones(count, dtype=bool)
     columns: dict[str, Array] = {}
     for stream in streams:
-        at = _positions(stream, grid)
-        for j, name in enumerate(stream.stream.names):
-            values = stream.stream.values[:, j]
+        at = positions(stream.t, grid.start, grid.dt)
+        for name, values in zip(stream.names, stream.values.T, strict=True):
             if name in zero_order_hold:
-                columns[name] = _zero_order_hold(at, values, k)
+                known = np.isfinite(values)
+                columns[name] = held(at[known], values[known, None], k)[:, 0]
             else:
-                turning = name in stream.stream.angles
-                columns[name] = _between(at, values, k, turning)
+                columns[name] = _between(at, values, k, name in stream.angles)
                 rows &= _covered(at, k, max(stream.step / grid.dt, 1.0))
     t = grid.start + grid.dt * k[rows]
     findings = _alignment_findings(streams, zero_order_hold, grid, where)
@@ -111,15 +110,14 @@ def aligned(
 
 
 def _grid(
-    streams: Sequence[Timed], zero_order_hold: frozenset[str], ts: float | None, where: str
+    streams: Sequence[Stream], zero_order_hold: frozenset[str], ts: float | None, where: str
 ) -> Grid:
     for stream in streams:
         if len(stream.t) < 2:
             raise DataError(
-                f"{where}: {stream.stream.topic} holds one message; map another topic, or record "
-                "longer"
+                f"{where}: {stream.topic} holds one message; map another topic, or record longer"
             )
-    measured = [s for s in streams if set(s.stream.names) - zero_order_hold]
+    measured = [s for s in streams if set(s.names) - zero_order_hold]
     commands = [s for s in streams if s not in measured and s.regular]
     setting = min(commands, key=lambda s: s.step, default=None)
     slowest = max(measured, key=lambda s: s.step, default=None)
@@ -131,7 +129,7 @@ def _grid(
     off = turns - np.rint(turns)
     phase = float(np.angle(np.mean(np.exp(2j * np.pi * off)))) / (2.0 * np.pi)
     phase = phase if np.max(np.abs(off - phase)) > 1e-6 else 0.0
-    topic = setting.stream.topic if ts is None else ""
+    topic = setting.topic if ts is None else ""
     return Grid(float(setting.t[0] + phase * dt), dt, topic)
 
 
@@ -147,13 +145,13 @@ def _period(t: Array) -> float:
 
 
 def _span(
-    streams: Sequence[Timed], zero_order_hold: frozenset[str], grid: Grid, where: str
+    streams: Sequence[Stream], zero_order_hold: frozenset[str], grid: Grid, where: str
 ) -> tuple[float, float]:
     """The first and the last instant at which everything is known."""
     low, high = -np.inf, np.inf
     for stream in streams:
         low = max(low, float(stream.t[0]))
-        only_commands = set(stream.stream.names) <= zero_order_hold
+        only_commands = set(stream.names) <= zero_order_hold
         if not only_commands:
             high = min(high, float(stream.t[-1]))
         elif stream.regular:
@@ -163,24 +161,6 @@ def _span(
     if not np.isfinite(high):
         high = max(float(s.t[-1]) for s in streams)
     return low, high
-
-
-def _positions(stream: Timed, grid: Grid) -> Array:
-    """Instants in steps of the grid, exact where they fall on it."""
-    at = (stream.t - grid.start) / grid.dt
-    nearest = np.rint(at)
-    on_it = np.all(np.abs(at - nearest) <= 2.0 * ROUNDING) and np.all(np.diff(nearest) > 0)
-    return nearest if on_it else at
-
-
-def _zero_order_hold(at: Array, values: Array, k: Array) -> Array:
-    known = np.isfinite(values)
-    at, values = at[known], values[known]
-    if np.all(at == np.rint(at)):
-        last = np.maximum(np.searchsorted(at, k, side="right") - 1, 0)
-        return values[last]
-    edges = np.append(k, k[-1] + 1.0)
-    return zero_order_hold_means(at, values[:, None], edges)[:, 0]
 
 
 def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
@@ -198,15 +178,15 @@ def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
 
 
 def _alignment_findings(
-    streams: Sequence[Timed], zero_order_hold: frozenset[str], grid: Grid, where: str
+    streams: Sequence[Stream], zero_order_hold: frozenset[str], grid: Grid, where: str
 ) -> tuple[Finding, ...]:
     """A sentence a stream, and one on the grid."""
     sentences = []
     for s in streams:
-        held = [n for n in s.stream.names if n in zero_order_hold]
-        interpolated = [n for n in s.stream.names if n not in zero_order_hold]
+        held = [n for n in s.names if n in zero_order_hold]
+        interpolated = [n for n in s.names if n not in zero_order_hold]
         rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "irregular"
-        text = f"{s.stream.topic}: {len(s.t)} messages, {rate}, by {s.by}"
+        text = f"{s.topic}: {len(s.t)} messages, {rate}, by {s.by}"
         if np.isfinite(s.way):
             text += f" ({1e3 * s.way:.3g} ms before receipt)"
         if held:

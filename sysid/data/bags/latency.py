@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.bags.clocks import Timed
+from sysid.data.bags.streams import Stream
 from sysid.data.filtering import lfilter
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.clock_offset import AGREES, clock_shift, travelled, way_and_turn
@@ -95,8 +95,8 @@ def check_latency(given: Sequence[str]) -> dict[str, float]:
 
 
 def without_latency(
-    streams: Sequence[Timed], zero_order_hold: frozenset[str], given: Sequence[str], where: str
-) -> tuple[tuple[Timed, ...], tuple[Finding, ...]]:
+    streams: Sequence[Stream], zero_order_hold: frozenset[str], given: Sequence[str], where: str
+) -> tuple[tuple[Stream, ...], tuple[Finding, ...]]:
     """The streams, those that are late moved back where that was asked for, and what is said.
 
     Args:
@@ -106,7 +106,7 @@ def without_latency(
         where: the bag, for messages.
     """
     stated = check_latency(given)
-    topics = [s.stream.topic for s in streams]
+    topics = [s.topic for s in streams]
     for topic in stated.keys() - set(topics):
         raise UsageError(
             f"`latency` names {topic}, which is not mapped; those of {where} are "
@@ -120,18 +120,18 @@ def without_latency(
         Finding("latency", Severity.NOTE, f"{where}: {t} was moved back by {1e3 * s:.4g} ms.")
         for t, s in stated.items()
     ]
-    moved = tuple(replace(s, t=s.t - late.get(s.stream.topic, 0.0)) for s in streams)
+    moved = tuple(replace(s, t=s.t - late.get(s.topic, 0.0)) for s in streams)
     return moved, tuple(replace(f, record=where) for f in findings)
 
 
-def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tuple[Latency, ...]:
+def latencies(streams: Sequence[Stream], zero_order_hold: frozenset[str]) -> tuple[Latency, ...]:
     """How late measurements respond to the commands, and how late they are behind one another.
 
     Where possible a topic is compared with the commands; any other one is compared with the
     topic that responds to them most surely, or with the fastest one.
     """
     streams = _window(streams)
-    commands = [s for s in streams if set(s.stream.names) <= zero_order_hold and len(s.t) > 1]
+    commands = [s for s in streams if set(s.names) <= zero_order_hold and len(s.t) > 1]
     measured = [s for s in streams if s not in commands and len(s.t) > MIN_MEASUREMENTS]
     row = max((s.step for s in streams if s.regular), default=np.inf)
     by_plant = [
@@ -141,16 +141,16 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
     by_rate = sorted(measured, key=lambda s: s.step)
     surest = min(by_plant, key=lambda a: a.std_error, default=None)
     reference = next(
-        (s for s in by_rate if surest is not None and s.stream.topic == surest.topic),
+        (s for s in by_rate if surest is not None and s.topic == surest.topic),
         by_rate[0] if by_rate else None,
     )
     estimates = list(by_plant)
-    for other in (s for s in measured if s is not reference and s.stream.topic not in by_topic):
+    for other in (s for s in measured if s is not reference and s.topic not in by_topic):
         assert reference is not None
         apart = _apart(reference, other, zero_order_hold, row)
         if apart is None:
             continue
-        start = by_topic.get(reference.stream.topic)
+        start = by_topic.get(reference.topic)
         if start is not None:  # against the command, as those that respond to it
             error = float(np.hypot(apart.std_error, start.std_error))
             apart = replace(apart, seconds=apart.seconds + start.seconds, std_error=error)
@@ -159,13 +159,13 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
     return tuple(estimates)
 
 
-def _window(streams: Sequence[Timed]) -> list[Timed]:
+def _window(streams: Sequence[Stream]) -> list[Stream]:
     """The part of the recording that serves, from the first command that moves on."""
     counts = max(len(s.t) for s in streams)
     if counts <= MAX_MEASUREMENTS:
         return list(streams)
     fastest = max(streams, key=lambda s: len(s.t))
-    moves = [s.t[np.flatnonzero(np.any(np.diff(s.stream.values, axis=0) != 0.0, axis=1))[:1]]
+    moves = [s.t[np.flatnonzero(np.any(np.diff(s.values, axis=0) != 0.0, axis=1))[:1]]
              for s in streams]  # fmt: skip
     start = max((float(m[0]) for m in moves if len(m)), default=float(fastest.t[0]))
     start = min(start, float(fastest.t[-MAX_MEASUREMENTS])) - fastest.step
@@ -174,25 +174,24 @@ def _window(streams: Sequence[Timed]) -> list[Timed]:
     return [_between(s, start, end) for s in streams]
 
 
-def _between(stream: Timed, start: float, end: float) -> Timed:
+def _between(stream: Stream, start: float, end: float) -> Stream:
     """A stream from the last message before a start to an end."""
     first = max(int(np.searchsorted(stream.t, start)) - 1, 0)
     kept = np.arange(first, int(np.searchsorted(stream.t, end)))
-    return replace(stream, stream=stream.stream.rows(kept), t=stream.t[kept])
+    return stream.rows(kept)
 
 
 def _answer(
-    measured: Timed, commands: Sequence[Timed], zero_order_hold: frozenset[str], row: float
+    measured: Stream, commands: Sequence[Stream], zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
     """How late a topic responds to the commands; None where it cannot be estimated."""
     if not commands:
         return None
     delays = []
-    for k, name in enumerate(measured.stream.names):
-        y = measured.stream.values[:, k]
-        if name in zero_order_hold or name in measured.stream.angles or not np.isfinite(y).all():
+    for name, y in zip(measured.names, measured.values.T, strict=True):
+        if name in zero_order_hold or name in measured.angles or not np.isfinite(y).all():
             continue
-        delay = dead_time(measured.t, y, [(c.t, c.stream.values) for c in commands])
+        delay = dead_time(measured.t, y, [(c.t, c.values) for c in commands])
         if delay is not None and delay.std_error < TELLS * row:
             delays.append((delay.seconds, delay.std_error))
     if not delays:
@@ -202,8 +201,8 @@ def _answer(
     mean = float(weights @ seconds)
     spread = float(np.sqrt(weights @ (seconds - mean) ** 2))
     error = float(max(np.sum(errors**-2) ** -0.5, spread))
-    names = ", ".join(c.stream.topic for c in commands)
-    return Latency(measured.stream.topic, mean, error, names, responds=True)
+    names = ", ".join(c.topic for c in commands)
+    return Latency(measured.topic, mean, error, names, responds=True)
 
 
 @dataclass(frozen=True)
@@ -337,7 +336,7 @@ class _Lagged:
 
 
 def _apart(
-    reference: Timed, other: Timed, zero_order_hold: frozenset[str], row: float
+    reference: Stream, other: Stream, zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
     """How late a topic is behind another one that measures the same motion."""
     moved, also = (_motion(stream, zero_order_hold) for stream in (reference, other))
@@ -347,18 +346,17 @@ def _apart(
     sure = shift.agreement >= AGREES and shift.rival is None and shift.std_error > 0.0
     if not sure or abs(shift.seconds) > LONGEST or shift.std_error > TELLS * row:
         return None
-    topics = other.stream.topic, reference.stream.topic
+    topics = other.topic, reference.topic
     return Latency(topics[0], -shift.seconds, shift.std_error, topics[1], responds=False)
 
 
-def _motion(stream: Timed, zero_order_hold: frozenset[str]) -> Array | None:
+def _motion(stream: Stream, zero_order_hold: frozenset[str]) -> Array | None:
     """What a stream has moved since its start, (N, k)."""
-    s = stream.stream
-    if np.isfinite(s.values).all():
-        column = dict(zip(s.names, s.values.T, strict=True))
+    if np.isfinite(stream.values).all():
+        column = dict(zip(stream.names, stream.values.T, strict=True))
         if {"x", "y", "psi"} <= column.keys():
             return way_and_turn(column["x"], column["y"], np.unwrap(column["psi"]))
-        others = {*zero_order_hold, *s.angles}
+        others = {*zero_order_hold, *stream.angles}
         rates = [v for n, v in column.items() if n not in others and np.ptp(v)]
         return travelled(stream.t, np.column_stack(rates)) if rates else None
     return None

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.data.bags.clocks import Timed, runs, timed
+from sysid.data.bags.clocks import runs, timed
 from sysid.data.bags.contents import read_contents
 from sysid.data.bags.grid import TIME, aligned, zero_order_hold_columns
 from sysid.data.bags.latency import without_latency
 from sysid.data.bags.mapping import sources
 from sysid.data.bags.proposal import propose
-from sysid.data.bags.streams import Streams, read_streams
+from sysid.data.bags.streams import Stream, Streams, read_streams
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Rows, Table
@@ -39,7 +39,7 @@ WINDOWS = 200
 """Stretches of the drive that are compared: long ones, as positions are noisy."""
 
 
-def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
+def frame_findings(streams: Sequence[Stream], where: str) -> tuple[Finding, ...]:
     """Poses and twists that break the conventions of ROS.
 
     Args:
@@ -47,7 +47,7 @@ def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
         where: the bag, for messages.
     """
     column = {n: (s.t, v) for s in streams
-              for n, v in zip(s.stream.names, s.stream.values.T, strict=True)}  # fmt: skip
+              for n, v in zip(s.names, s.values.T, strict=True)}  # fmt: skip
     if not {"x", "y", "psi"} <= column.keys():
         return ()
     t = column["x"][0]
@@ -92,22 +92,21 @@ def _sense(dx: Array, dy: Array, psi: Array) -> tuple[str, str] | None:
     return text, "Check that the pose is that of the robot and psi its yaw."
 
 
-def _twist(stream: Timed, edges: Array, way: Array, psi: Array, where: str) -> tuple[Finding, ...]:
+def _twist(stream: Stream, edges: Array, way: Array, psi: Array, where: str) -> tuple[Finding, ...]:
     """Whether the speed of an Odometry is that along the world's x, not along the body's."""
-    s = stream.stream
-    at = [k for k, path in enumerate(s.paths) if path.endswith("twist.linear.x")]
-    if not at or not s.kind.endswith("Odometry"):
+    at = [k for k, path in enumerate(stream.paths) if path.endswith("twist.linear.x")]
+    if not at or not stream.kind.endswith("Odometry"):
         return ()
-    speed = s.values[:, at[0]]
+    speed = stream.values[:, at[0]]
     area = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(stream.t))])
     published = np.diff(np.interp(edges, stream.t, area))
     body = way[:, 0] * np.cos(psi) + way[:, 1] * np.sin(psi)
     squared_errors = [float(np.sum((published - w) ** 2)) for w in (way[:, 0], body)]
     if not squared_errors[0] < BETTER * squared_errors[1]:
         return ()
-    frame, child = s.frames
+    frame, child = stream.frames
     text = (
-        f"{where}: by the path driven, twist.twist.linear of {s.topic} is expressed in "
+        f"{where}: by the path driven, twist.twist.linear of {stream.topic} is expressed in "
         f"{frame or 'the world'}; nav_msgs/Odometry expects {child or 'the body'}."
     )
     advice = "Map the wheel speeds instead, or correct the publisher."
@@ -142,8 +141,8 @@ def bag_table(
     findings: list[Finding] = []
     ts = options.ts
     for part in parts:
-        streams = timed(part, options.stamps)
-        findings += [f for s in streams for f in s.findings]
+        streams, of_clocks = timed(part, options.stamps)
+        findings += of_clocks
         streams, of_latency = without_latency(
             streams, zero_order_hold, options.latency, recording.where
         )
@@ -173,14 +172,14 @@ def _table(recording: Streams, tables: list[tuple[Array, dict[str, Array]]]) -> 
     )
 
 
-def _sparse(streams: tuple[Timed, ...]) -> tuple[Array, dict[str, Array]]:
+def _sparse(streams: tuple[Stream, ...]) -> tuple[Array, dict[str, Array]]:
     """Rows at the instants of the fastest stream; what others said at the row next to it."""
     t = max(streams, key=lambda s: len(s.t)).t
     columns: dict[str, Array] = {}
     for s in streams:
         row = np.clip(np.searchsorted(t, s.t), 1, len(t) - 1)
         row -= (s.t - t[row - 1]) < (t[row] - s.t)
-        for name, values in zip(s.stream.names, s.stream.values.T, strict=True):
+        for name, values in zip(s.names, s.values.T, strict=True):
             columns[name] = np.full(len(t), np.nan)
             columns[name][row] = values
     return t, columns

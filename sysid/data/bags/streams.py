@@ -34,34 +34,47 @@ class Stream:
     """What one topic says over time.
 
     Attributes:
-        kind: type of its messages.
-        received: when each was recorded [s], (N,), from the bag's ``origin`` on.
+        t: instants of its values [s], (N,): when they were recorded, from the bag's ``origin`` on,
+            until ``clocks.timed`` puts all streams on one clock, each rising.
         stamped: what its header says [s], from the same origin; NaN where it has none, (N,).
         values: (N, n), NaN where a message did not hold a number.
         names, units: of the columns, (n,).
-        paths: of their fields in a message, (n,).
         angles: names of the columns that are angles with a jump at π.
+        kind: type of its messages.
+        paths: of the columns' fields in a message, (n,).
         frames: of the header and, where there is one, of the child: ``odom``, ``base_link``.
+        by: what its instants are: ``header.stamp`` or ``the time of receipt``.
+        way: median time from stamp to receipt [s]; NaN where clocks differ, or without stamps.
     """
 
     topic: str
-    kind: str
-    received: Array
+    t: Array
     stamped: Array
     values: Array
     names: tuple[str, ...]
-    units: tuple[str, ...]
-    paths: tuple[str, ...]
+    units: tuple[str, ...] = ()
     angles: tuple[str, ...] = ()
+    kind: str = ""
+    paths: tuple[str, ...] = ()
     frames: tuple[str, str] = ("", "")
+    by: str = "the time of receipt"
+    way: float = np.nan
+
+    @property
+    def step(self) -> float:
+        """The usual step between values [s]; infinite where there are fewer than two."""
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
+
+    @property
+    def regular(self) -> bool:
+        """Whether it comes at a steady rate: 80 % of the steps within half of the usual one."""
+        if len(self.t) < 10:
+            return False
+        return bool(np.mean(np.abs(np.diff(self.t) / self.step - 1.0) <= 0.5) >= 0.8)
 
     def rows(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> "Stream":
-        return replace(
-            self,
-            received=self.received[kept],
-            stamped=self.stamped[kept],
-            values=self.values[kept],
-        )
+        stamped, values = self.stamped[kept], self.values[kept]
+        return replace(self, t=self.t[kept], stamped=stamped, values=values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,14 +174,14 @@ class _Part:
             stamped[0] = 0.0  # a simulation begins at zero; elsewhere that says "not stamped"
         return Stream(
             self.topic,
-            self.bag.types[self.topic],
             np.frombuffer(self.received, dtype=np.float64),
             stamped,
             values,
             tuple(name for name, _, _ in self.columns),
             tuple(unit for _, unit, _ in self.columns),
-            tuple(path for _, _, path in self.columns),
             tuple(n for n, _, path in self.columns if path.endswith((".yaw", "yaw", "theta"))),
+            self.bag.types[self.topic],
+            tuple(path for _, _, path in self.columns),
             self.frames,
         )
 

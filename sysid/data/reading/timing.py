@@ -95,7 +95,7 @@ class Grid:
 
     Attributes:
         dt: sample time, in the unit of the time given.
-        segments: the experiments; those that are not ``even`` need ``onto_grid``.
+        segments: the experiments; those that are not ``even`` are to be brought onto it.
     """
 
     dt: float
@@ -182,27 +182,43 @@ def plan_grid(
     return Grid(dt, tuple(segments), tuple(findings))
 
 
-def onto_grid(t: Array, dt: float, u: Array, y: Array) -> tuple[Array, Array]:
-    """Samples at instants ``t`` (N,) on the uniform grid t[0] + k·dt.
+def positions(t: Array, start: float, dt: float) -> Array:
+    """Instants t (N,) [s] in steps of a grid, whole where all of them fall on it."""
+    at = (t - start) / dt
+    nearest = np.rint(at)
+    on_it = np.all(np.abs(at - nearest) <= 2.0 * ROUNDING) and np.all(np.diff(nearest) > 0)
+    return nearest if on_it else at
 
-    y is interpolated linearly. u is held between its instants; where these do not fall on the
-    grid, the new value is the mean of the held signal over the interval,
-    ū_k = (1/dt)∫ u(τ)dτ over [t_k, t_k + dt): picking the last value instead would delay the
-    input by a whole sample wherever a stamp comes a moment late.
 
-    Returns:
-        (u, y) on the grid, shapes (M, nu) and (M, ny).
+def measured_on_grid(t: Array, dt: float, y: Array) -> Array:
+    """Measurements y (N, n) at instants t (N,), on lines between them at t[0] + k·dt, (M, n)."""
+    at, k = positions(t, t[0], dt), _steps(t, dt)
+    return np.column_stack([np.interp(k, at, column) for column in y.T])
+
+
+def held_on_grid(t: Array, dt: float, u: Array) -> Array:
+    """Commands u (N, n) from instants t (N,) on, at t[0] + k·dt, (M, n); see ``held``."""
+    return held(positions(t, t[0], dt), u, _steps(t, dt))
+
+
+def _steps(t: Array, dt: float) -> Array:
+    return np.arange(np.floor((t[-1] - t[0]) / dt + ROUNDING) + 1.0)
+
+
+def held(at: Array, u: Array, k: Array) -> Array:
+    """A signal that is held between its instants, at whole steps k (M,) of a grid, (M, n).
+
+    Where the instants do not fall on the grid, the value is the mean of the held signal over the
+    step, ū_k = (1/dt)∫ u(τ)dτ over [t_k, t_k + dt): picking the last value instead would delay
+    the input by a whole sample wherever a stamp comes a moment late.
+
+    Args:
+        at: instants in steps of the grid, rising, (N,).
+        u: values from these instants on, (N, n).
     """
-    position = (t - t[0]) / dt
-    count = int(np.floor(position[-1] + ROUNDING)) + 1
-    nearest = np.rint(position)
-    snapped = bool(np.all(np.abs(position - nearest) <= 2 * ROUNDING))
-    at = nearest if snapped and np.all(np.diff(nearest) > 0) else position
-    k = np.arange(count, dtype=np.float64)
-    y_new = np.column_stack([np.interp(k, at, column) for column in y.T])
-    if at is nearest:
-        return u[np.searchsorted(at, k, side="right") - 1], y_new
-    return zero_order_hold_means(at, u, np.append(k, float(count))), y_new
+    if np.all(at == np.rint(at)):
+        return u[np.maximum(np.searchsorted(at, k, side="right") - 1, 0)]
+    return zero_order_hold_means(at, u, np.append(k, k[-1] + 1.0))
 
 
 def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
