@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from sysid.effects.catalogue import effect
 from sysid.export.c.loop.block import Law
@@ -25,13 +25,6 @@ from sysid.runners.trace.traced import TRACE
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]
-
-
-class Lengths(NamedTuple):
-    """Lengths of a vehicle that may be parameters of C."""
-
-    r: Any
-    B: Any
 
 
 ESTIMATE = {"x": 0.0, "y": 0.0, "psi": 0.0, "speed": 0.0, "yaw_rate": 0.0}
@@ -86,7 +79,7 @@ def with_scene_numbers(scene: Scene, given: Numbers) -> Scene:
         start=Pose(**there["start"]),
         goal=tuple(there["goal"].values()),
         tolerance=there["tolerance"],
-        geometry=cast(Geometry, Lengths(**there["vehicle"])),
+        geometry=Geometry(**there["vehicle"]),
         obstacles=tuple(o._replace(**numbers) for o, numbers in obstacles),
         way=way,
         path=path,
