@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 NUMERIC = ("numpy", "scipy", "pandas", "pyarrow")
-HEAVY = ("jax", "jaxlib", "jaxopt", "matplotlib", "sklearn", "pysindy")
+HEAVY = ("jax", "jaxlib", "matplotlib", "sklearn", "pysindy")
 LOG = Path(__file__).resolve().parent.parent / "datasets" / "devastator" / "prbs.csv"
 COMMAND = (sys.executable, "-m", "sysid_cli.start")
 LINEAR_FIT = ("fit", str(LOG), "--structure", "arx", "--orders", "na=2 nb=2 nk=1")

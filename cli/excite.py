@@ -12,7 +12,7 @@ from . import optimal, reading, render, targets
 from .options import argument, changed, command, flag, group, option
 
 if TYPE_CHECKING:
-    from sysid.data.schedule import Schedule
+    from sysid.data.excitation import Schedule
 
 
 class Design(StrEnum):
@@ -75,7 +75,7 @@ def excite(
     The design optimal is made for a model: within the limits of its log, or those given, it looks
     for the switching sequence or multisine that leaves the smallest errors (D-optimal).
     """
-    from sysid.data.schedule import write_schedule
+    from sysid.data.excitation import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
     if design is Design.OPTIMAL:
@@ -134,7 +134,7 @@ def _schedule(
 
 
 def _facts(schedule: "Schedule", design: Design, path: Path) -> dict[str, Any]:
-    from sysid.data.schedule import crest_factor
+    from sysid.data.excitation import crest_factor
 
     step = float(schedule.t[1] - schedule.t[0])
     return {

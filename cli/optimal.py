@@ -7,8 +7,8 @@ from sysid.errors import UsageError
 from . import render
 
 if TYPE_CHECKING:
+    from sysid.data.excitation import Schedule, with_rests
     from sysid.data.record import Array
-    from sysid.data.schedule import Schedule, with_rests
     from sysid.estimation.information.optimal_input import Limits
     from sysid.estimation.information.subject import Subject
     from sysid.workspace.store import StoredModel
@@ -22,7 +22,7 @@ def designed(stored: "StoredModel", options: dict[str, Any]) -> "tuple[Schedule,
     """The schedule, and which errors it promises beside those of the model's log."""
     import numpy as np
 
-    from sysid.data.schedule import Schedule
+    from sysid.data.excitation import Schedule
     from sysid.estimation.information.optimal_input import optimal_input
     from sysid.estimation.information.sensitivity import sensitivity
     from sysid.estimation.information.subject import subject_of_model

@@ -42,7 +42,7 @@ def facts_of(
     targets.make_folder(log, "-o")
     facts = result.summary() | {"seed": seed, "log": write_log(result, log)}
     if bag is not None:
-        from sysid.data.bags.drive import write_drive
+        from sysid.data.bags.writing import write_drive
 
         facts["bag"] = write_drive(result.log, bag)
     if plot is not None:

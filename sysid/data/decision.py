@@ -29,7 +29,9 @@ def amount(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def listed(names: Sequence[str], most: int = 6) -> str:
-    """The names, cut short where there are many."""
+def listed(names: Sequence[str], most: int = 6, last: str = ", ") -> str:
+    """The names, cut short where there are many; ``last`` stands before the last of all."""
     rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+    if rest > 0:
+        return f"{', '.join(names[:most])} and {rest} more"
+    return last.join([", ".join(names[:-1]), *names[-1:]] if len(names) > 1 else names)

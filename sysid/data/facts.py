@@ -7,9 +7,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.checks.constancy import Change, change_within, level_drifts, regions_differ
-from sysid.data.checks.dead_time import process_of, refined_delays
-from sysid.data.checks.delay import Delay, estimate_delays
+from sysid.data.checks.constancy import (
+    Beside,
+    Change,
+    change_within,
+    level_drifts,
+    regions_differ,
+)
+from sysid.data.checks.delay import Delay, estimate_delays, process_of, refined_delays
 from sysid.data.checks.feedback import SURE, FeedbackTest, feedback_tests
 from sysid.data.checks.integral import Integral, integrals
 from sysid.data.checks.nonlinearity import (
@@ -187,10 +192,11 @@ class LogFacts:
         for j, fit in enumerate(self.processes):
             if fit is None:
                 continue
-            other = change_with_column(self._unfiltered, j, fit)
+            beside = Beside(self._unfiltered, j, fit)
+            other = change_with_column(beside)
             if other is None and self.drifts[j]:
-                other = drift_with_column(self._unfiltered, j, fit)
-            change = other or change_within(self._unfiltered, j, fit)
+                other = drift_with_column(beside)
+            change = other or change_within(beside)
             if change is not None and (other or not self._by_region(change)):
                 seen.append(change)
         return tuple(seen)

@@ -1,6 +1,7 @@
 """Reading and writing whole files: one sentence on failure, and never half a file on the disk."""
 
 import errno
+import hashlib
 import os
 import shutil
 import stat
@@ -9,10 +10,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from sysid.errors import DataError, UsageError
 from sysid.outside_text import visible
+
+if TYPE_CHECKING:
+    from hashlib import _Hash
 
 MAX_BYTES = 4 * 1024**3
 """Files beyond this size [bytes] are refused before they fill the memory."""
@@ -80,6 +84,16 @@ def read_bytes(path: str | Path) -> bytes:
         raise DataError(f"{path} is not readable; change its permissions") from None
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); check the path") from None
+
+
+def checksum(path: Path) -> "_Hash":
+    """SHA-256 of a file, or of the files of a folder one after the other, read in blocks."""
+    total = hashlib.sha256()
+    for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
+        with open_regular(file) as stream:
+            while block := stream.read(_BLOCK):
+                total.update(block)
+    return total
 
 
 def write_atomic(path: str | Path, content: str | bytes) -> Path:

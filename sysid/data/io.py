@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data.bags.opening import is_bag
 from sysid.data.checks.integral import counts_that_integrate
 from sysid.data.column_words import is_set_point
+from sysid.data.files import checksum
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
@@ -19,7 +20,7 @@ from sysid.data.reading.counters import as_speeds, without_jumps
 from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decisions import decisions, led_elsewhere
 from sysid.data.reading.missing_codes import without_codes
-from sysid.data.reading.pose_reading import pose_in_si, usable_pose
+from sysid.data.reading.pose import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
     numbered_clock,
@@ -39,8 +40,7 @@ from sysid.data.reading.timing import (
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import common_step, require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
-from sysid.data.unused import with_unused
-from sysid.data.usable_rows import usable_rows, with_times
+from sysid.data.usable_rows import usable_rows, with_times, with_unused
 from sysid.errors import DataError, UsageError
 
 
@@ -140,7 +140,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
 
 def thinned(large: Blocks, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> LogFile:
     """Stretches of a log larger than memory, as one experiment each."""
-    digest = large.digest()
+    digest = checksum(large.path).hexdigest()
     logs = [_read(large.path, t, large.options, (), digest) for t in large.stretches(count, rows)]
     first = logs[0].origin
     name = large.path.name

@@ -3,6 +3,9 @@
 A row is left out where it has no time, stands out of order, is written twice or lacks a cell. A
 column that is empty in more rows than a fault would leave has a rate of its own: it is brought onto
 one grid with the others as the topics of a bag are (``bags.grid``).
+
+What seems to change with time may go with a column that was chosen for nothing: the throttle of a
+car whose steering is looked at, the length of a crane's rope. Records carry these along.
 """
 
 from bisect import bisect_left
@@ -24,9 +27,9 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.released import NONE, may_release, released_rows
 from sysid.data.reading.row_times import numbered_clock
 from sysid.data.reading.table import Rows, Table
-from sysid.data.reading.time_column import TimeColumn
+from sysid.data.reading.time_column import TimeColumn, is_counter, is_time
 from sysid.data.reading.timing import SHORT_GAP, Place, set_back
-from sysid.data.record import Array
+from sysid.data.record import Array, Record
 from sysid.errors import DataError, argument
 
 Mask = NDArray[np.bool_]
@@ -315,3 +318,33 @@ def _incomplete(
     text = f"{seen}; such {done}."
     advice = "Find out what kept the logger from writing."
     return (Finding("missing", Severity.WARNING, text, advice, column, table.where),)
+
+
+MOST_COLUMNS, MOST_CELLS, MIN_CELLS = 20, 5_000_000, 20
+"""Columns and cells that are read for it at most, and cells that a column must have."""
+
+
+def with_unused(table: Table, choice: Choice, t: Array, records: list[Record]) -> list[Record]:
+    """Records with the unused columns of numbers that move to and fro, on lines between rows.
+
+    Args:
+        t: instants of the rows of the table [s], (N,).
+    """
+    names = [n for n in choice.ignored if not (is_set_point(n) or is_time(n) or is_counter(n))]
+    found = {}
+    for name in names[: min(MOST_COLUMNS, MOST_CELLS // len(t))]:
+        column = None if table.is_date(name) else table.read(name)
+        if column is None:
+            continue
+        rows = np.flatnonzero(np.isfinite(column) & np.isfinite(t))
+        rows = rows[np.argsort(t[rows], kind="stable")]
+        step = np.diff(column[rows])
+        if len(rows) >= MIN_CELLS and np.any(step > 0.0) and np.any(step < 0.0):
+            found[name] = t[rows], column[rows]
+    if not found:
+        return records
+    each = ([np.interp(r.t, *column) for column in found.values()] for r in records)
+    return [
+        replace(r, unused=np.column_stack(values), unused_names=tuple(found))
+        for r, values in zip(records, each, strict=True)
+    ]

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
+from sysid.data.checks.signal_checks import MIN_SAMPLES
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding
-from sysid.data.inspection import MIN_SAMPLES, inspect_records
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Record, names_of
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError

@@ -16,9 +16,15 @@ from sysid.fitting.problem import Allowed, Focus, Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
 from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import TOLERANCE, Descent, Solution, levenberg_marquardt
-from sysid.methods.equations import judged_by_runs, searched
+from sysid.methods.equations import (
+    Estimate,
+    Solved,
+    best_in_free_run,
+    outcome_of_estimate,
+    searched,
+)
 from sysid.methods.method import Method
-from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
 from sysid.structures.difference_equations.frols import forward, term_gram
 from sysid.structures.difference_equations.monomials import Term, is_noise
@@ -35,14 +41,14 @@ FINAL_EVALUATIONS = 60
 Coefficients = Mapping[Term, float]
 
 
-def proposed(
+def fit(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     initial_guesses: InitialGuesses,
-) -> Proposal:
-    """Choose the terms, and say how their coefficients are estimated.
+) -> FitOutcome:
+    """Choose the terms, then fit their coefficients to everything.
 
     1. For each output, candidate terms of every degree and range of lags are ordered by their
        error reduction ratio; sizes up to that of lowest BIC are fitted by least squares and run
@@ -69,17 +75,11 @@ def proposed(
     named = s.parameters(records[0].inputs, records[0].outputs)
     table = tuple(given.get(p.name, p) for p in named)  # with the user's bounds and fixed values
     fits = _Fits(s, records, options, table)
-
-    def estimates() -> list[Estimate]:
-        plain = fits.one_step()
-        return [plain, *(fits.in_free_run(plain, known, chunk) if chunk else ())]
-
-    def judged(e: Estimate) -> Judgement:
-        advice = "there the polynomial diverges; lower the degree or the number of terms"
-        runs = s.free_run().measured(e.theta, records)
-        return judged_by_runs(s, runs, records, advice, options.robust)
-
-    return Proposal(s, tried, estimates, lambda theta: table, judged, notes)
+    plain = fits.one_step()
+    estimates = [plain, *(fits.in_free_run(plain, known, chunk) if chunk else ())]
+    advice = "there the polynomial diverges; lower the degree or the number of terms"
+    best, judged, warnings = best_in_free_run(s, s.free_run(), estimates, records, options, advice)
+    return outcome_of_estimate(s, table, best, (*tried, *judged), (*notes, *warnings))
 
 
 # ------------------------------------------------------------------------------- terms
@@ -109,7 +109,7 @@ def _searched(
     limit = min(options.limit(), SEARCH_EVALUATIONS)
     rows = [Row(s, i, small) for i in range(s.ny)]
     searches = [partial(search_terms, row, refine, limit) for row in rows]
-    winners, tried = searched(zip(records[0].outputs, searches, strict=True))
+    winners, tried = searched(records[0].outputs, searches)
     terms = [
         tuple(row.outward(t) for t in trial.terms) for row, trial in zip(rows, winners, strict=True)
     ]
@@ -268,4 +268,4 @@ def _linear(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Array:
     return scaled_lstsq(J, -e)
 
 
-METHOD = Method(by_choice(proposed))
+METHOD = Method(fit)

@@ -14,9 +14,15 @@ from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.robust import weighted
 from sysid.fitting.searchable import InitialGuesses
 from sysid.fitting.solvers import Descent, evaluated, levenberg_marquardt
-from sysid.methods.equations import judged_by_runs, searched
+from sysid.methods.equations import (
+    Estimate,
+    Solved,
+    best_in_free_run,
+    outcome_of_estimate,
+    searched,
+)
 from sysid.methods.method import Method
-from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
 from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
@@ -34,21 +40,21 @@ COMPILED_FROM = 2_000
 """Samples from which the free runs at last are compiled: JAX is loaded anyway."""
 
 
-def proposed(
+def fit(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     initial_guesses: InitialGuesses,
-) -> Proposal:
-    """Choose products and units, and say how they are estimated.
+) -> FitOutcome:
+    """Choose products and units, then fit all of it to everything.
 
     1. For each output, products of several degrees and units over several sets of regressors are
        added to the linear part by orthogonal least squares, in several numbers up to what
        generalised cross-validation allows. Each map runs freely over the estimation data, of which
        a held-out part counts.
     2. The best few of different kinds are refined side by side on free runs over chunks of growing
-       length (jaxopt's Levenberg-Marquardt, vmapped).
+       length.
     3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
        all data: by least squares and, where refinement won, on free runs, at last all outputs
        together within bounds.
@@ -67,7 +73,7 @@ def proposed(
             )
     simulate = options.focus is Focus.SIMULATION
     searches = [partial(search_row, row, rungs, simulate) for row in rows]
-    winners, tried = searched(zip(records[0].outputs, searches, strict=True))
+    winners, tried = searched(records[0].outputs, searches)
     for channel, winner in zip(records[0].outputs, winners, strict=True):
         if not np.isfinite(winner.error):
             raise ModelError(
@@ -76,17 +82,12 @@ def proposed(
             )
     s = replace(s, designs=tuple(t.design for t in winners))
 
-    def judged(e: Estimate) -> Judgement:
-        runs = s.free_run(compiled_from=COMPILED_FROM).measured(e.theta, records)
-        return judged_by_runs(s, runs, records, "lower the orders or the number of units")
-
-    return Proposal(
-        s,
-        tried,
-        partial(_on_all_data, s, records, options, winners),
-        partial(_with_fixed_boxes, s, records[0]),
-        judged,
-    )
+    estimates = _on_all_data(s, records, options, winners)
+    run = s.free_run(compiled_from=COMPILED_FROM)
+    advice = "lower the orders or the number of units"
+    best, judged, warnings = best_in_free_run(s, run, estimates, records, options, advice)
+    table = _with_fixed_boxes(s, records[0], best.theta)
+    return outcome_of_estimate(s, table, best, (*tried, *judged), warnings)
 
 
 def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> None:
@@ -203,4 +204,4 @@ def _with_fixed_boxes(s: NarxWavelet, record: Record, theta: Array) -> tuple[Par
 
 
 # linear algebra over thousands of units knows no other loss
-METHOD = Method(by_choice(proposed), has_losses=False, takes_method=False)
+METHOD = Method(fit, has_losses=False, takes_method=False)

@@ -104,7 +104,23 @@ def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Or
     A scalar na stands on the diagonal, the other scalars in every entry. nk defaults to 1; the
     structure's other orders must be given.
     """
-    needed = [f"n{letter}" for letter in letters]
+    require_names(raw, [f"n{letter}" for letter in letters], structure)
+    get = {name: raw.get(name, 1 if name == "nk" else 0) for name in ("na", *_SHAPES)}
+    orders = Orders(
+        na=_matrix("na", get["na"], ny, ny, diagonal=True),
+        nb=_matrix("nb", get["nb"], ny, nu),
+        nc=vector("nc", get["nc"], ny),
+        nd=vector("nd", get["nd"], ny),
+        nf=_matrix("nf", get["nf"], ny, nu),
+        nk=_matrix("nk", get["nk"], ny, nu),
+    )
+    if nu and not any(any(row) for row in orders.nb):
+        raise UsageError(f"`orders`: {structure} with nb=0 has no input; give nb of at least 1")
+    return orders
+
+
+def require_names(raw: Mapping[str, Any], needed: Sequence[str], structure: str) -> None:
+    """Refuse orders that a structure does not have, and a lack of those it needs beside nk."""
     known = [*needed, "nk"]
     for name in raw:
         if name not in known:
@@ -117,18 +133,6 @@ def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Or
                 f"`orders`: {structure} needs {name}; give all of {' '.join(needed)} (nk is 1 "
                 "unless given)"
             )
-    get = {name: raw.get(name, 1 if name == "nk" else 0) for name in ("na", *_SHAPES)}
-    orders = Orders(
-        na=_matrix("na", get["na"], ny, ny, diagonal=True),
-        nb=_matrix("nb", get["nb"], ny, nu),
-        nc=_vector("nc", get["nc"], ny),
-        nd=_vector("nd", get["nd"], ny),
-        nf=_matrix("nf", get["nf"], ny, nu),
-        nk=_matrix("nk", get["nk"], ny, nu),
-    )
-    if nu and not any(any(row) for row in orders.nb):
-        raise UsageError(f"`orders`: {structure} with nb=0 has no input; give nb of at least 1")
-    return orders
 
 
 _SHAPES = ("nb", "nc", "nd", "nf", "nk")
@@ -153,7 +157,8 @@ def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = 
     return tuple(tuple(_checked(name, cell) for cell in row) for row in cells)
 
 
-def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
+def vector(name: str, value: object, rows: int) -> tuple[int, ...]:
+    """An order each, from a number, a row or a column."""
     if not isinstance(value, list | tuple):
         return (_checked(name, value),) * rows
     flat = [cell for row in _rows(value) for cell in row]

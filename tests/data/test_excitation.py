@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 
 from sysid.data.checks.dynamics_checks import excitation_order
-from sysid.data.excitation import DESIGNS, chirp, multisine, prbs, pulses, steps
+from sysid.data.excitation import (
+    DESIGNS,
+    Schedule,
+    chirp,
+    crest_factor,
+    multisine,
+    prbs,
+    pulses,
+    steps,
+    write_schedule,
+)
 from sysid.data.io import read_file
 from sysid.data.record import PWM_FULL_SCALE, Record
-from sysid.data.schedule import Schedule, crest_factor, write_schedule
 from sysid.errors import UsageError
 
 MADE = {name: design() for name, design in DESIGNS.items()}

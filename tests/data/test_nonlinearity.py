@@ -109,16 +109,16 @@ def test_several_records_are_pooled() -> None:
 def test_too_short_logs_are_told_so() -> None:
     with pytest.raises(DataError, match="too few"):
         nonlinearity_tests([_linear(0, 80, "white", False)])
-    (finding,) = check_nonlinearity(LogFacts((_linear(0, 80, "white", False),)).nonlinearity)
+    (finding,) = check_nonlinearity(LogFacts((_linear(0, 80, "white", False),)))
     assert "Too few" in finding.text
 
 
 def test_the_finding_says_what_and_where() -> None:
-    (found,) = check_nonlinearity(LogFacts((_bent(1, 600, "drag"),)).nonlinearity)
+    (found,) = check_nonlinearity(LogFacts((_bent(1, 600, "drag"),)))
     assert found.severity is Severity.NOTE
     assert "p" in found.text
     assert "Nonlinear response" in found.text
     assert "Compare" in found.advice
-    (fine,) = check_nonlinearity(LogFacts((_linear(1, 600, "white", False),)).nonlinearity)
+    (fine,) = check_nonlinearity(LogFacts((_linear(1, 600, "white", False),)))
     assert fine.severity is Severity.OK
     assert "p = " in fine.text

@@ -416,7 +416,12 @@ def test_a_limit_that_is_never_reached_is_named() -> None:
         ("hammerstein-wiener", {"nb": 1, "nf": 1}, {"form": "linear"}, "choose one of both"),
         ("wiener-hammerstein", {"nb1": 1, "nf1": 1, "nb": 1}, {}, "needs nf"),
         ("wiener-hammerstein", {"nb1": 0, "nf1": 1, "nb": 1, "nf": 1}, {}, "nb1 of at least 1"),
-        ("wiener-hammerstein", {"nb1": -1, "nf1": 1, "nb": 1, "nf": 1}, {}, "nb1 must be"),
+        (
+            "wiener-hammerstein",
+            {"nb1": -1, "nf1": 1, "nb": 1, "nf": 1},
+            {},
+            "nb1: orders are whole",
+        ),
         ("wiener-hammerstein", {"nx": 1}, {}, "no order 'nx'"),
     ],
 )

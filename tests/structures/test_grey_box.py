@@ -16,7 +16,6 @@ from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
-from sysid.fitting.solvers import many_starts
 from sysid.methods.grey_box import _determined
 from sysid.methods.grey_box_starts import Setting
 from sysid.structures.grey_box import runs as grey_box_runs
@@ -358,17 +357,6 @@ def test_what_a_record_cannot_tell_is_named() -> None:
     assert any("viscous_back" in direction for direction in model.null_directions)
     k = [p.name for p in model.parameters].index("viscous_back")
     assert np.isinf(model.covariance[k, k])
-
-
-def test_a_diverging_start_is_told_from_one_that_settles() -> None:
-    def residual(xp: Any, lax: Any, z: Any, own: Any, shared: Any) -> Any:
-        return xp.where(own > 0.0, xp.array([z[0] - shared, 0.1]), xp.nan)
-
-    ends = many_starts(residual, np.array([[3.0], [4.0]]), np.array([1.0, -1.0]), 2.0, 20)
-    assert ends[0].z[0] == pytest.approx(2.0, abs=1e-6)
-    assert ends[0].cost is not None
-    assert ends[0].iterations < 20
-    assert ends[1].cost is None
 
 
 # ------------------------------------------------------------------------------- words

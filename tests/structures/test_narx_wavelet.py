@@ -14,10 +14,10 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.methods.narx import all_data
 from sysid.structures.difference_equations.chunks import ChunkedRuns
-from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.model import Model
+from sysid.structures.narx.compiled import compiled_runs
 from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.search import largest
 from sysid.structures.narx.simulation_error import RowRuns

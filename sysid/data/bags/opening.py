@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,8 +10,6 @@ from sysid.data.files import open_regular
 from sysid.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from hashlib import _Hash
-
     from rosbags.highlevel import AnyReader
 
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -20,9 +17,6 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 
 DESCRIPTION = "metadata.yaml"
 """The file that describes a folder of ROS 2."""
-
-BLOCK = 1 << 20
-"""Bytes read at a time where a whole bag is to be hashed: a bag may be larger than the memory."""
 
 REMEDIES = (
     ("not indexed", "repair it with `rosbag reindex`"),
@@ -113,16 +107,6 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         return (path / DESCRIPTION).exists() or bool(_files(path))
     return path.suffix.lower() in SUFFIXES
-
-
-def digest(path: Path) -> "_Hash":
-    """The checksum of a bag's files, read in blocks."""
-    checksum = sha256()
-    for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
-        with open_regular(file) as stream:
-            while block := stream.read(BLOCK):
-                checksum.update(block)
-    return checksum
 
 
 @contextmanager

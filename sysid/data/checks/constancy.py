@@ -15,6 +15,7 @@ change.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -122,35 +123,83 @@ class Change:
         return bool(np.isfinite(self.at))
 
 
-def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
-    """The change of output j; None where it is constant, or the log is too short to say.
+class Beside:
+    """The process of an output with static curves beside it, and what they leave of the output."""
 
-    Args:
-        records: what the process was fitted to.
-    """
+    def __init__(self, records: Sequence[Record], j: int, fit: ProcessFit) -> None:
+        """Args:
+        records: what the process of output ``j`` was fitted to.
+        """
+        self.records, self.j, self.fit = records, j, fit
+        self.y = np.concatenate([r.y[:, j] for r in records])
+        self.lags = fit.slopes.sum(axis=1, keepdims=True)
+
+    @cached_property
+    def columns(self) -> Array:
+        """Levels and drift, responses, their slopes, and static curves, (N, n)."""
+        fit = self.fit
+        return np.hstack([fit.white.base, fit.responses, fit.slopes, curves(self.records, fit)])
+
+    @cached_property
+    def white(self) -> tuple[Array, Array]:
+        """``whitened`` of these columns."""
+        return self.whitened(self.columns)
+
+    def whitened(self, columns: Array) -> tuple[Array, Array]:
+        """Orthonormal basis of columns behind the filter of the noise, and the errors it leaves."""
+        filtered = self.fit.white.filtered
+        X, _ = orthonormal(filtered(columns), 1e-9)
+        target = filtered(self.y[:, None])[:, 0]
+        return X, target - X @ (X.T @ target)
+
+    def statistics(
+        self, white: tuple[Array, Array], columns: Array, profiles: Array
+    ) -> tuple[Array, Array, Array]:
+        """``statistics`` of columns (N, q) and of the level in proportion to profiles of time."""
+        Z = self.fit.white.filtered(np.column_stack([columns, np.ones(len(self.y))]))
+        size = np.sqrt(np.mean(Z**2, axis=0)) + 1e-300
+        edges = np.linspace(0, len(self.y), BLOCKS + 1).astype(int)
+        stats, effects, errors = statistics(white[0], Z / size, white[1], profiles, edges)
+        return stats, effects / size, errors / size
+
+    @cached_property
+    def _free(self) -> tuple[Array, Array]:
+        """The basis of a free run, and its errors."""
+        basis = orthonormal(self.columns, 1e-9)[0]
+        return basis, self.y - basis @ (basis.T @ self.y)
+
+    def left(self, *columns: Array) -> float:
+        """Squared errors of a free run, with these columns besides."""
+        basis, rest = self._free
+        for more in columns:
+            beside = orthonormal(more - basis @ (basis.T @ more), 1e-9)[0]
+            rest = rest - beside @ (beside.T @ rest)
+        return float(rest @ rest)
+
+
+def change_within(beside: Beside) -> Change | None:
+    """The change of an output; None where it is constant, or the log is too short to say."""
+    records, j, fit = beside.records, beside.j, beside.fit
     n = len(fit.residual)
     first = max(round(EDGE * BLOCKS), int(np.ceil(MIN_LAGS * float(fit.lag.max()) / n * BLOCKS)))
     if n < MIN_SAMPLES or 2 * first >= BLOCKS:
         return None
-    white = fit.white.filtered
-    target = white(np.concatenate([r.y[:, j] for r in records])[:, None])[:, 0]
-    Z = white(np.column_stack([fit.responses, fit.slopes.sum(axis=1), np.ones(n)]))
-    size = np.sqrt(np.mean(Z**2, axis=0)) + 1e-300
     edges = np.linspace(0, n, BLOCKS + 1).astype(int)
     inner = np.arange(first, BLOCKS - first + 1)
     profiles = np.vstack(
         [np.arange(BLOCKS) >= inner[:, None], (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5]
     )
-    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit)])
-    for more in (lambda: beside, lambda: np.hstack([beside, _ramps(records, fit)])):
-        X, _ = orthonormal(white(more()), 1e-9)
-        e = target - X @ (X.T @ target)
-        stats, effects, errors = statistics(X, Z / size, e, profiles, edges)
-        if _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1) > ALARM:
+    tested = np.hstack([fit.responses, beside.lags])
+    for limited in (False, True):
+        white = beside.white
+        if limited:
+            white = beside.whitened(np.hstack([beside.columns, _ramps(records, fit)]))
+        stats, effects, errors = beside.statistics(white, tested, profiles)
+        if _chance(float(stats.min(axis=1).max()), tested.shape[1]) > ALARM:
             return None
     best = int(np.argmax(stats[:, 0]))  # where the errors are least
     if stats[-1, 0] >= stats[best, 0] - WITHIN:
-        return _trend(records, j, fit, effects[-1] / size, errors[-1] / size)
+        return _trend(records, j, fit, effects[-1], errors[-1])
     return _step(records, j, fit, int(edges[inner[best]]))
 
 

@@ -7,15 +7,18 @@ import numpy as np
 from sysid.data.checks.constancy import Change, Part
 from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
-from sysid.data.checks.nonlinearity import NONLINEAR, TRACE, NonlinearityTest
+from sysid.data.checks.nonlinearity import NONLINEAR, TRACE
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array, Channel, Record
-from sysid.data.speed import Speed
 from sysid.errors import argument
 
 CLEAR = 3.0
 """Standard errors from which on a dead time is seen."""
+
+STOPS = 0.02
+"""Share of rows at an end under push from which on it is a stop."""
 
 EXCITED = 1e-8
 """Directions of the lagged input below this part of the strongest one's power are not excited."""
@@ -38,9 +41,9 @@ def excitation_order(records: Sequence[Record], limit: int) -> tuple[int, ...]:
     return tuple(orders)
 
 
-def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
+def check_excitation(facts: LogFacts, order: int) -> list[Finding]:
     """Persistence of excitation against ``order``, and inputs that move together."""
-    findings = []
+    records, findings = facts.outliers.records, []
     names = records[0].input_names
     for name, reached in zip(names, excitation_order(records, order), strict=True):
         if 0 < reached < order:
@@ -82,19 +85,15 @@ def _together(records: Sequence[Record]) -> Iterator[Finding]:
 
 
 @ok_unless("feedback", "No feedback from output to input was detected.")
-def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
-    """Whether the input depends on the output: data recorded in closed loop.
-
-    Args:
-        tests: one an output; None where the records are too short for them.
-    """
-    if tests is None:
+def check_feedback(facts: LogFacts) -> Iterator[Finding]:
+    """Whether the input depends on the output: data recorded in closed loop."""
+    if facts.feedback is None:
         yield _too_short("feedback")
     advice = (
         "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
         "biased here unless its residuals are white."
     )
-    for test in (t for t in tests or () if t.seen):
+    for test in (t for t in facts.feedback or () if t.seen):
         text = (
             f"The input {test.input} responds to {_response(test)}: the data were recorded in "
             "closed loop."
@@ -125,19 +124,15 @@ def _response(test: FeedbackTest) -> str:
     return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
 
-def check_delay(
-    delays: Sequence[Delay] | None, set_points: Sequence[str] = ()
-) -> Iterator[Finding]:
+def check_delay(facts: LogFacts) -> Iterator[Finding]:
     """The delay of every pair with its interval, output by output.
 
     A response within the sample is either feedthrough or a controller that reads y(t) before it
     writes u(t). Where feedback is detected it is the controller's; where none is, one record cannot
     distinguish the two for certain, so both are said.
-
-    Args:
-        delays: of every pair; None where the records are too short for them.
-        set_points: columns of the file that a controller follows.
     """
+    delays = facts.delays
+    set_points = [f.channel for f in facts.reading if f.code == "set-point" and f.channel]
     if delays is None:
         yield _too_short("delay")
     for output in dict.fromkeys(d.output for d in delays or ()):
@@ -191,22 +186,19 @@ def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
     return Finding("no-effect", Severity.WARNING, text, advice, output)
 
 
-def check_sampling(
-    dt: float, speeds: Sequence[Speed], delays: Sequence[Delay] | None
-) -> Iterator[Finding]:
-    """Sample time against the time the outputs take to respond.
-
-    Args:
-        dt: sample time [s].
-        delays: of every pair: what an input reaches within the sample only seems slow.
-    """
-    immediate = {d.output for d in delays or () if d.delay == 0}
-    for speed in speeds:
+def check_sampling(facts: LogFacts) -> Iterator[Finding]:
+    """Sample time against the time the outputs take to respond."""
+    # the controller's speed is none of the plant, and an integrator never settles
+    without = {t.output for t in facts.feedback or () if t.law}
+    without |= {s.output for s in facts.integrals}
+    # what an input reaches within the sample only seems slow
+    immediate = {d.output for d in facts.delays or () if d.delay == 0}
+    for speed in (s for s in facts.speeds if s.output not in without):
         if speed.time_constant is None:
             text = f"The time constant of {speed.output} cannot be estimated from these data."
             yield Finding("sampling", Severity.NOTE, text, "", speed.output)
             continue
-        samples = speed.time_constant / dt
+        samples = speed.time_constant / facts.records[0].dt
         text = f"{speed.output} is near its final value within the first sample"
         if speed.time_constant:
             text = (
@@ -228,13 +220,24 @@ def check_sampling(
         yield Finding("sampling", severity, text + tail, advice, speed.output)
 
 
-def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding]:
-    """Whether the log asks for a nonlinear model, output by output.
+def check_integrals(facts: LogFacts) -> Iterator[Finding]:
+    """What an output that integrates is modelled by, and its end stops."""
+    for s in facts.integrals:
+        text = f"{s.output} integrates {s.input}: its speed follows, and it has no final value."
+        advice = f"Model its speed with {argument(speed_of=s.output)}."
+        yield Finding("integrates", Severity.NOTE, text, advice, s.output)
+        if s.stopped > STOPS:
+            text = (
+                f"{s.output} stands at an end of its range in {100 * s.stopped:.2g} % of the rows "
+                f"while {s.input} pushes on: an end stop or a clipping sensor."
+            )
+            advice = "Leave those stretches out: a linear model reads them as lower gain."
+            yield Finding("saturation", Severity.WARNING, text, advice, s.output)
 
-    Args:
-        tests: one an output; None where the records are too short for them, empty where an input
-            follows an output by a law.
-    """
+
+def check_nonlinearity(facts: LogFacts) -> list[Finding]:
+    """Whether the log asks for a nonlinear model, output by output."""
+    tests = facts.nonlinearity
     if tests is None:
         return [_too_short("nonlinearity")]
     if not tests:
@@ -298,29 +301,21 @@ def _smallest(matrix: Array) -> float:
     return float(values[0] / values[-1]) if values[-1] > 0 else 0.0
 
 
-def check_constancy(
-    records: Sequence[Record], changes: Sequence[Change], drifts: Array, tested: bool
-) -> Iterator[Finding]:
-    """What changes within the log, and when; nothing where no process shows it.
-
-    Args:
-        records: with the channels' names and units.
-        changes: of gains and time constants.
-        drifts: ranges of the drifts of levels, (ny,).
-        tested: whether a process stands for any output.
-    """
+def check_constancy(facts: LogFacts) -> Iterator[Finding]:
+    """What changes within the log, and when; nothing where no process shows it."""
+    record, changes = facts.records[0], facts.changes
     for c in changes:
-        text = change_sentence(c, records[0])
+        text = change_sentence(c, record)
         advice = _ADVICE[c.is_step]
         if c.column:
-            too = argument(inputs=[*records[0].input_names, c.column[0]])
+            too = argument(inputs=[*record.input_names, c.column[0]])
             of = f"A linear model is an average over {c.column[0]}; narmax takes it as an input"
             advice = f"{of if c.parts else 'Give it as an input, too'}: {too}."
         yield Finding("change", Severity.WARNING, text, advice, c.output)
-    drifting = drift_sentences(records[0], changes, drifts)
+    drifting = drift_sentences(record, changes, facts.drifts)
     for output, text in drifting.items():
         yield Finding("drift", Severity.WARNING, text, WITHOUT_DRIFT, output)
-    if tested and not (changes or drifting):
+    if any(facts.processes) and not (changes or drifting):
         text = "Gains, time constants and levels are constant."
         yield Finding("change", Severity.OK, text)
 

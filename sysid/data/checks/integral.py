@@ -10,16 +10,15 @@ pull of its own. An output integrates where its inputs explain its changes and i
 pull it back: 1/τ is not above zero beyond chance, and τ is longer than what the log can show.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.checks.direction import acting_columns
-from sysid.data.finding import Finding, Severity
+from sysid.data.finding import Finding
 from sysid.data.impulse import least_squares, lengths
 from sysid.data.record import Array, Record, block_means
-from sysid.errors import argument
 
 BLOCKS = 400
 """Blocks of all records together."""
@@ -47,9 +46,6 @@ MIN_SAMPLES = 200
 SPEEDS = ("rad/s", "m/s")
 """Units of speeds: a body without drag is a first-order model with a pole near one, no position."""
 
-STOPS = 0.02
-"""Share of rows at an end under push from which on it is a stop."""
-
 
 @dataclass(frozen=True)
 class Integral:
@@ -72,21 +68,6 @@ def integrals(records: Sequence[Record]) -> tuple[Integral, ...]:
         return ()
     seen = [_integral(records, j) for j, c in enumerate(first.outputs) if c.unit not in SPEEDS]
     return tuple(s for s in seen if s is not None)
-
-
-def check_integrals(seen: Sequence[Integral]) -> Iterator[Finding]:
-    """What an output that integrates is modelled by, and its end stops."""
-    for s in seen:
-        text = f"{s.output} integrates {s.input}: its speed follows, and it has no final value."
-        advice = f"Model its speed with {argument(speed_of=s.output)}."
-        yield Finding("integrates", Severity.NOTE, text, advice, s.output)
-        if s.stopped > STOPS:
-            text = (
-                f"{s.output} stands at an end of its range in {100 * s.stopped:.2g} % of the rows "
-                f"while {s.input} pushes on: an end stop or a clipping sensor."
-            )
-            advice = "Leave those stretches out: a linear model reads them as lower gain."
-            yield Finding("saturation", Severity.WARNING, text, advice, s.output)
 
 
 def _integral(records: Sequence[Record], j: int) -> Integral | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sysid.data.column_words import meaning, words
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.data.units import LEAST_PULSE
@@ -28,12 +29,13 @@ def _check_vehicle(records: Sequence[Record]) -> Iterator[Finding]:
     yield from _signs(records)
 
 
-def check_robot(records: Sequence[Record]) -> list[Finding]:
+def check_robot(facts: LogFacts) -> list[Finding]:
     """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's.
 
     A single motor whose names show no side may be a fan as well as a track: only the scale of its
     PWM and its sign are checked, in words that do not mention a robot.
     """
+    records = facts.outliers.records
     if not all(r.is_robot_log for r in records):
         return []
     if not _has_sides(records[0]):

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, ok_unless
-from sysid.data.outliers import Bridged
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.errors import argument
 
@@ -22,10 +22,28 @@ MEANT = 0.9
 """Share of the samples that must stand on a few levels for the commands to be such a grid."""
 
 
+MIN_SAMPLES = 20
+"""Records with fewer samples in all are too short for any of the fits."""
+
+
+def check_length(facts: LogFacts) -> list[Finding]:
+    """Samples and seconds of all records together."""
+    records = facts.records
+    n = sum(len(r) for r in records)
+    seconds = float(np.sum([len(r) * r.dt for r in records]))
+    several = "" if len(records) == 1 else f" in {len(records)} experiments"
+    text = f"{n} samples{several}, {seconds:.4g} s at {records[0].dt:.4g} s."
+    if n < MIN_SAMPLES:
+        return [Finding("length", Severity.FATAL, text, f"Record at least {MIN_SAMPLES} samples.")]
+    if n < 100:
+        return [Finding("length", Severity.NOTE, text, "Few: keep the orders low.")]
+    return [Finding("length", Severity.OK, text)]
+
+
 @ok_unless("missing", "No sample is missing.")
-def check_finite(records: Sequence[Record]) -> Iterator[Finding]:
+def check_finite(facts: LogFacts) -> Iterator[Finding]:
     """Missing or infinite samples."""
-    for r, name, column in _channels(records):
+    for r, name, column in _channels(facts.records):
         bad = np.flatnonzero(~np.isfinite(column))
         if len(bad):
             many = "1 sample" if len(bad) == 1 else f"{len(bad)} samples, first"
@@ -34,9 +52,9 @@ def check_finite(records: Sequence[Record]) -> Iterator[Finding]:
 
 
 @ok_unless("constant", "Every input and output moves.")
-def check_constant(records: Sequence[Record]) -> Iterator[Finding]:
+def check_constant(facts: LogFacts) -> Iterator[Finding]:
     """Channels that never change: they hold no information."""
-    first, nu = records[0], records[0].nu
+    records, first, nu = facts.records, facts.records[0], facts.records[0].nu
     still = [[_is_constant(c) for _, _, c in _channels([r])] for r in records]
     moves = [not all(rows) for rows in zip(*still, strict=True)]
     for i, (_, name, column) in enumerate(_channels([first])):
@@ -56,9 +74,9 @@ def check_constant(records: Sequence[Record]) -> Iterator[Finding]:
 
 
 @ok_unless("stuck", "No output is stuck or logged twice.")
-def check_stuck(records: Sequence[Record]) -> Iterator[Finding]:
+def check_stuck(facts: LogFacts) -> Iterator[Finding]:
     """Outputs that hold one value while the inputs move, and samples logged twice."""
-    for r, name, y in _outputs(records):
+    for r, name, y in _outputs(facts.records):
         if len(r) >= 2 * STUCK_SAMPLES:
             yield from _stuck(r, name, y, np.any(np.diff(r.u, axis=0) != 0, axis=1))
             yield from _doubled(r, name, y)
@@ -100,9 +118,9 @@ def _doubled(r: Record, name: str, y: Array) -> Iterator[Finding]:
 
 
 @ok_unless("saturation", "No signal is clipped.")
-def check_saturation(records: Sequence[Record]) -> Iterator[Finding]:
+def check_saturation(facts: LogFacts) -> Iterator[Finding]:
     """Values piled up at an end of the range: a clipping sensor, or PWM at full drive."""
-    for r in records:
+    for r in facts.records:
         for _, name, y in _outputs([r]):
             for end, word in ((y.max(), "largest"), (y.min(), "smallest")):
                 share = _pile_up(y, float(end))
@@ -141,9 +159,9 @@ def _pile_up(y: Array, end: float) -> float:
 
 
 @ok_unless("resolution", "The resolution of the outputs is sufficient.")
-def check_resolution(records: Sequence[Record]) -> Iterator[Finding]:
+def check_resolution(facts: LogFacts) -> Iterator[Finding]:
     """Outputs whose resolution is coarse relative to their variation."""
-    for r, name, y in _outputs(records):
+    for r, name, y in _outputs(facts.records):
         values = np.unique(y)
         if len(values) < 2 or len(values) > len(y) // 4:
             continue
@@ -161,10 +179,10 @@ def check_resolution(records: Sequence[Record]) -> Iterator[Finding]:
 
 
 @ok_unless("outliers", "No output has outliers.")
-def check_outliers(records: Sequence[Record], outliers: Bridged) -> Iterator[Finding]:
+def check_outliers(facts: LogFacts) -> Iterator[Finding]:
     """Single samples far from both neighbours."""
-    flags = (flag for of_record in outliers.flags for flag in of_record.T)
-    for (r, name, y), flag in zip(_outputs(records), flags, strict=True):
+    flags = (flag for of_record in facts.outliers.flags for flag in of_record.T)
+    for (r, name, y), flag in zip(_outputs(facts.records), flags, strict=True):
         hits = np.flatnonzero(flag)
         if len(hits):
             n = len(hits)
@@ -180,13 +198,14 @@ def check_outliers(records: Sequence[Record], outliers: Bridged) -> Iterator[Fin
 
 
 @ok_unless("levels", "The inputs take enough levels.")
-def check_levels(records: Sequence[Record]) -> Iterator[Finding]:
+def check_levels(facts: LogFacts) -> Iterator[Finding]:
     """Inputs that take so few values that no curve between input and output can be seen.
 
     A log between two levels is fitted by any static curve through two points: a dead zone, a
     saturation or a curved gain would be an invention. A third level shows that there is a bend,
     not which.
     """
+    records = facts.outliers.records
     for j, name in enumerate(records[0].input_names):
         levels = visited_levels(np.concatenate([r.u[:, j] for r in records]))
         if 2 <= len(levels) < MAX_LEVELS:

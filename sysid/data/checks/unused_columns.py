@@ -8,7 +8,7 @@ with it errs hardly more than with the best step or trend in time. A column that
 is another view of it. What drifts goes with the column that acts and explains most of it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import fdtrc
@@ -17,16 +17,14 @@ from sysid.data.checks.constancy import (
     BLOCKS,
     EDGE,
     MIN_SAMPLES,
+    Beside,
     Change,
     Part,
-    curves,
     main_input,
-    statistics,
 )
 from sysid.data.checks.direction import acting_columns
-from sysid.data.impulse import orthonormal
 from sysid.data.process import ProcessFit
-from sysid.data.record import Array, Record
+from sysid.data.record import Array
 
 ALARM = 1e-6
 """Level of the tests: a view of the output that is smoothed sees little of its noise."""
@@ -44,14 +42,14 @@ CHANGES = 0.1
 """Relative change of a gain or a lag that is stated."""
 
 
-def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
-    """What goes with the unused column that explains most of output j; None where none does."""
+def change_with_column(beside: Beside) -> Change | None:
+    """What goes with the unused column that explains most of an output; None where none does."""
+    records, j, fit = beside.records, beside.j, beside.fit
     names = records[0].unused_names
     unused = [r.unused for r in records if r.unused is not None and r.unused_names == names]
     if not names or len(unused) < len(records) or len(fit.residual) < MIN_SAMPLES:
         return None
-    beside = _Beside(records, j, fit)
-    allowed, change = beside.allowed, None
+    allowed, change = _allowed(beside), None
     for k in acting_columns(records, j, _rows(fit)):
         name = names[k]
         column = np.concatenate([part[:, k] for part in unused])
@@ -65,10 +63,10 @@ def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Ch
         left = beside.left(np.column_stack([products, own]))
         if left > allowed:
             continue
-        p = beside.chance(c, own)
+        p = _chance(beside, c, own)
         level = beside.left(own[:, None]) <= beside.left(products)
         ends = np.array([[(v - middle) / span] for v in (low, high)])
-        parts = () if level else beside.parts(np.column_stack([products, own]), ends)
+        parts = () if level else _parts(beside, np.column_stack([products, own]), ends)
         if p < ALARM / len(names) and (parts or level):
             allowed, r = left, records[0]
             of = r.output_names[j], r.name, parts, np.nan, np.nan
@@ -76,8 +74,9 @@ def change_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Ch
     return change
 
 
-def drift_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
-    """The unused column that acts on output j and explains most of its drift; None without one."""
+def drift_with_column(beside: Beside) -> Change | None:
+    """The unused column that acts on an output and explains most of its drift; None without one."""
+    records, j, fit = beside.records, beside.j, beside.fit
     drift, change, most = fit.drift - fit.drift.mean(), None, MOST
     for k in acting_columns(records, j, _rows(fit)):
         column = [r.unused[:, k] for r in records if r.unused is not None]
@@ -92,55 +91,33 @@ def drift_with_column(records: Sequence[Record], j: int, fit: ProcessFit) -> Cha
     return change
 
 
-class _Beside:
-    """What base, responses, their slopes and static curves leave of output j."""
+def _allowed(beside: Beside) -> float:
+    """Squared errors up to which a column explains enough, and as much as time does."""
+    x, lags = beside.fit.responses, beside.lags
+    in_time = (beside.left(np.hstack([x * w, lags * w, w])) for w in _in_time(len(x)))
+    return min(LEAVES * beside.left(), AS_TIME * min(in_time))
 
-    def __init__(self, records: Sequence[Record], j: int, fit: ProcessFit) -> None:
-        self.record, self.fit = records[0], fit
-        self.lags = fit.slopes.sum(axis=1, keepdims=True)
-        self.y = np.concatenate([r.y[:, j] for r in records])
-        self._u = np.concatenate([r.u for r in records])
-        base = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit)])
-        self._white = orthonormal(fit.white.filtered(base), 1e-9)[0]
-        self._free = orthonormal(base, 1e-9)[0]
-        e = fit.white.filtered(self.y[:, None])[:, 0]
-        self.error = e - self._white @ (self._white.T @ e)
-        self._rest = self.y - self._free @ (self._free.T @ self.y)
 
-    def left(self, columns: Array) -> float:
-        """Squared errors of a free run with these columns besides."""
-        beside = orthonormal(columns - self._free @ (self._free.T @ columns), 1e-9)[0]
-        return float(np.sum((self._rest - beside @ (beside.T @ self._rest)) ** 2))
+def _chance(beside: Beside, c: Array, own: Array) -> float:
+    """p value of c without effect on gains, lags and level; its own is behind the lags."""
+    columns = np.column_stack([beside.fit.responses * c, beside.lags * c, own])
+    stats, _, _ = beside.statistics(beside.white, columns, np.ones((1, BLOCKS)))
+    q = columns.shape[1]
+    return float(fdtrc(q, BLOCKS - q, float(stats.min()) / q * (1.0 - q / BLOCKS)))
 
-    @property
-    def allowed(self) -> float:
-        """Squared errors up to which a column explains enough, and as much as time does."""
-        x = self.fit.responses
-        in_time = (self.left(np.hstack([x * w, self.lags * w, w])) for w in _in_time(len(x)))
-        return min(LEAVES * float(self._rest @ self._rest), AS_TIME * min(in_time))
 
-    def chance(self, c: Array, own: Array) -> float:
-        """p value of c without effect on gains, lags and level; its own is behind the lags."""
-        n, white = len(own), self.fit.white.filtered
-        Z = white(np.column_stack([self.fit.responses * c, self.lags * c, own, np.ones(n)]))
-        Z = Z / (np.sqrt(np.mean(Z**2, axis=0)) + 1e-300)
-        edges = np.linspace(0, n, BLOCKS + 1).astype(int)
-        stats, _, _ = statistics(self._white, Z, self.error, np.ones((1, BLOCKS)), edges)
-        q = Z.shape[1] - 1
-        return float(fdtrc(q, BLOCKS - q, float(stats.min()) / q * (1.0 - q / BLOCKS)))
-
-    def parts(self, columns: Array, ends: Array) -> tuple[Part, ...]:
-        """The gains that change between two values of c, else the lags that do."""
-        r, fit, main = self.record, self.fit, main_input(self.fit)
-        every = np.column_stack([fit.responses, columns, np.ones(len(self.y))])
-        solved = np.linalg.lstsq(every, self.y, rcond=1e-9)[0]
-        a, b, d = solved[: 3 * r.nu].reshape(3, r.nu)
-        gains = (fit.gain * (a + b * ends + d * ends**2)).T.tolist()
-        lag = fit.lag[main] * r.dt * np.exp(solved[3 * r.nu] / a[main] * ends[:, 0])
-        parts = [Part(n, True, v, w, 0.0) for n, (v, w) in zip(r.input_names, gains, strict=True)]
-        lagging = Part(r.input_names[main], False, float(lag[0]), float(lag[1]), 0.0)
-        told = [p for p in parts if abs(p.change) > CHANGES]
-        return tuple(told or [lagging] * (abs(lagging.change) > CHANGES))
+def _parts(beside: Beside, columns: Array, ends: Array) -> tuple[Part, ...]:
+    """The gains that change between two values of c, else the lags that do."""
+    r, fit, main = beside.records[0], beside.fit, main_input(beside.fit)
+    every = np.column_stack([fit.responses, columns, np.ones(len(beside.y))])
+    solved = np.linalg.lstsq(every, beside.y, rcond=1e-9)[0]
+    a, b, d = solved[: 3 * r.nu].reshape(3, r.nu)
+    gains = (fit.gain * (a + b * ends + d * ends**2)).T.tolist()
+    lag = fit.lag[main] * r.dt * np.exp(solved[3 * r.nu] / a[main] * ends[:, 0])
+    parts = [Part(n, True, v, w, 0.0) for n, (v, w) in zip(r.input_names, gains, strict=True)]
+    lagging = Part(r.input_names[main], False, float(lag[0]), float(lag[1]), 0.0)
+    told = [p for p in parts if abs(p.change) > CHANGES]
+    return tuple(told or [lagging] * (abs(lagging.change) > CHANGES))
 
 
 def _rows(fit: ProcessFit) -> int:

@@ -210,10 +210,7 @@ class _Format:
 
     @staticmethod
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
-        table = read_table(
-            data, where, options.delimiter, options.decimal, encoding=options.encoding
-        )
-        table = replace(table, date_order=options.date_order)
+        table = read_table(data, where, replace(options, strict=True))
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
         options, choice, _ = chosen(table, options)

@@ -32,7 +32,7 @@ from sysid.data.joining.clock_offset import (
 )
 from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.counters import counted
-from sysid.data.reading.pose_columns import angle_unit, find_pose
+from sysid.data.reading.pose import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import median_step, row_times
 from sysid.data.reading.stale import between_measurements, refreshed

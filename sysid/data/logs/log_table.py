@@ -1,6 +1,5 @@
 """Read the table of a log of any kind: text, Parquet or a bag of ROS."""
 
-from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data.column_words import words
-from sysid.data.files import read_bytes
+from sysid.data.files import checksum, read_bytes
 from sysid.data.finding import Finding
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Rows, Table, read_table
@@ -88,17 +87,17 @@ def read_log_table(
         the table, what was done to make it, and the checksum of its bytes, to be continued with
         those of a second file.
     """
-    from sysid.data.bags.opening import digest, is_bag
+    from sysid.data.bags.opening import is_bag
 
     if is_bag(path):
         from sysid.data.bags.log import bag_table
 
         table, said = bag_table(path, options, even=even)
-        return table, said, digest(path)
+        return table, said, checksum(path)
     data = read_bytes(path)
     _check_no_bag_options(path, options)
-    table = read_table(data, path.name, *options.of_text)
-    return replace(wide(table), date_order=options.date_order), table.findings, sha256(data)
+    table = read_table(data, path.name, options)
+    return wide(table), table.findings, sha256(data)
 
 
 def _check_no_bag_options(path: Path, options: ReadOptions) -> None:

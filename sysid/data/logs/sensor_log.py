@@ -17,7 +17,7 @@ from sysid.data.io import chosen
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT
 from sysid.data.reading.decisions import time_words
-from sysid.data.reading.pose_reading import pose_in_si
+from sysid.data.reading.pose import pose_in_si
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import row_times
 from sysid.data.reading.table import Table

@@ -1,8 +1,7 @@
 """A log larger than memory as tables of some of its rows: stretches of it, or all in order."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from hashlib import sha256
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -72,16 +71,8 @@ class Blocks:
             if rest.strip():
                 yield self._table(rest + b"\n")
 
-    def digest(self) -> str:
-        total = sha256()
-        with open_regular(self.path) as file:
-            while data := file.read(1 << 24):
-                total.update(data)
-        return total.hexdigest()
-
     def _table(self, data: bytes) -> Table:
-        table = read_table(self.head + data, self.path.name, *self.options.of_text)
-        return replace(table, date_order=self.options.date_order)
+        return read_table(self.head + data, self.path.name, self.options)
 
     def _frames(self, rows: int, firsts: Iterable[int]) -> Iterator[Table]:
         """Tables of ``rows`` rows from each of these on, in one pass."""
@@ -96,8 +87,7 @@ class Blocks:
                     start += len(kept.pop(0))
                 kept.append(next(batches))
             table = pa.Table.from_batches(kept).slice(first - start, rows)
-            frame = frame_table(table.to_pandas(), self.path.name)
-            yield replace(frame, date_order=self.options.date_order)
+            yield frame_table(table.to_pandas(), self.path.name, self.options)
 
 
 def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> Blocks | None:
@@ -118,7 +108,7 @@ def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> B
         return Blocks(path, rows, options) if rows > most else None
     try:
         whole = head[: head.rfind(b"\n") + 1]
-        layout: Any = read_table(whole, path.name, *options.of_text).source
+        layout: Any = read_table(whole, path.name, options).source
     except SysidError:
         return None
     if not isinstance(layout, Layout) or len(layout.lines) < 2:

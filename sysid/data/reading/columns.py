@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sysid.data.column_words import meaning, words
-from sysid.data.reading.pose_columns import PoseColumns, find_pose
+from sysid.data.decision import listed
+from sysid.data.reading.pose import PoseColumns, find_pose
 from sysid.data.reading.roles import Roles, roles
 from sysid.data.reading.table import Table
 from sysid.data.reading.text_layout import no_table
@@ -19,6 +20,9 @@ from sysid.data.reading.time_column import (
     tells_time,
 )
 from sysid.errors import UnclearColumnsError, UsageError, argument
+
+MOST_COLUMNS = 15
+"""Names of columns that a message has room for."""
 
 NO_INPUT = "none"
 """Asked for as the input of a log that has none: a signal on its own."""
@@ -186,12 +190,13 @@ def whole_name(name: str, names: Sequence[str], which: str, where: str) -> str:
         return near[0]
     shown = repr(name.strip()) if name.strip() else "an empty name"
     if near:
-        meant = _listed(near, last=" or ")
+        meant = listed(near, MOST_COLUMNS, " or ")
         raise UsageError(
             f"{which} names {shown}, which can be {meant} in {where}; write more of it"
         )
+    columns = listed(names, MOST_COLUMNS)
     raise UsageError(
-        f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
+        f"{which} names {shown}, which is not a column of {where}; its columns are {columns}"
     )
 
 
@@ -238,20 +243,21 @@ def _unclear(
     missing = [side for side, of_side in sides.items() if not of_side]
     used = {n for of_side in sides.values() for f in of_side for n in f}
     if len(missing) == 1 and used >= {n for n in numbers if not (is_time(n) or is_counter(n))}:
+        columns = listed(names, MOST_COLUMNS)
         return (
-            f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
+            f"{where} has no column left for the {missing[0]}: its columns are {columns}; "
             "a log needs at least one input and one output"
         )
     alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
-        f"the {side}": [_listed(f, MOST_IN_AN_EXAMPLE, " with ") for f in of_side] or [*numbers]
+        f"the {side}": [listed(f, MOST_IN_AN_EXAMPLE, " with ") for f in of_side] or [*numbers]
         for side, of_side in sides.items()
         if len(of_side) != 1
     }
     if len({*map(tuple, asked.values())}) == 1:
         asked = {" and ".join(asked): next(iter(asked.values()))}
     parts = (
-        f"{side} can be {_listed(every, 8, ' or ')}{alone if 'input' in side else ''}"
+        f"{side} can be {listed(every, 8, ' or ')}{alone if 'input' in side else ''}"
         for side, every in asked.items()
     )
     return f"{where}: {'; '.join(parts)}; name the columns, one or several{_example(families)}"
@@ -269,11 +275,3 @@ def _example(families: Roles) -> str:
 
 def _plain(names: Sequence[str]) -> str | list[str]:
     return names[0] if len(names) == 1 else [*names]
-
-
-def _listed(names: Sequence[str], most: int = 15, last: str = ", ") -> str:
-    """The names, cut short where they would fill the screen."""
-    rest = len(names) - most
-    if rest > 0:
-        return f"{', '.join(names[:most])} and {rest} more"
-    return last.join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)

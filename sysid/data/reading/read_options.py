@@ -114,11 +114,6 @@ class ReadOptions:
         return next((unit for unit in self.units.values() if unit in ORDERS), None)
 
     @property
-    def of_text(self) -> tuple[str | None, str | None, bool, str | None]:
-        """What ``read_table`` asks for besides a file and its name."""
-        return self.delimiter, self.decimal, self.strict, self.encoding
-
-    @property
     def periods(self) -> dict[str, float]:
         """Output → number after which its counter starts over, 0 where its jumps are real."""
         return {name: float(period or 0.0) for name, period in self.unwrap.items()}

@@ -15,6 +15,7 @@ from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.dates import ORDERS, Dates, date_format, only_day, only_time, seconds_of
 from sysid.data.reading.header import MISSING, STATES, distinct, names_and_units
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
 from sysid.errors import DataError
@@ -23,6 +24,8 @@ from sysid.outside_text import name_of
 if TYPE_CHECKING:
     import pandas as pd
 
+STRICT = ReadOptions(strict=True)
+"""Lines that are no rows are refused."""
 FIRST_CELL = 1000
 """Rows in which the first date of a column of dates stands."""
 LARGEST = 1e100
@@ -360,31 +363,22 @@ class Table:
         return np.column_stack(parts)
 
 
-def read_table(
-    data: bytes,
-    where: str,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    strict: bool = True,
-    encoding: str | None = None,
-) -> Table:
+def read_table(data: bytes, where: str, options: ReadOptions = STRICT) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 
     Args:
         where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
-        delimiter, decimal: None to find them.
-        strict: whether lines that are no rows are refused rather than left out.
-        encoding: of a text; None to find it.
+        options: ``delimiter``, ``decimal``, ``encoding``, ``strict`` and the order of dates count.
     """
     if not data:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
     frame = _frame_of(data, where)
     if frame is not None:
-        return frame_table(frame, where)
-    return _table(lay_out(data, where, delimiter, decimal, strict, encoding), where)
+        return frame_table(frame, where, options)
+    return _table(lay_out(data, where, options), where, options)
 
 
-def frame_table(frame: "pd.DataFrame", where: str) -> Table:
+def frame_table(frame: "pd.DataFrame", where: str, options: ReadOptions) -> Table:
     """The table of a frame; an index with a name, or one of times, is a column."""
     import pandas as pd
 
@@ -395,10 +389,10 @@ def frame_table(frame: "pd.DataFrame", where: str) -> Table:
         frame = frame.reset_index(names=taken)
     if not len(frame.columns) or not len(frame):
         raise DataError(f"{where} holds no rows of numbers; record the log again")
-    return _table(frame, where)
+    return _table(frame, where, options)
 
 
-def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
+def _table(source: "Layout | pd.DataFrame", where: str, options: ReadOptions) -> Table:
     raw: Sequence[str]
     notes: tuple[str, ...] = source.notes if isinstance(source, Layout) else ()
     raw = source.names if isinstance(source, Layout) else [str(c).strip() for c in source.columns]
@@ -428,7 +422,7 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
         units = tuple(in_cell or u for in_cell, u in zip(source.in_cells, units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
         notes += (f"{where}: units from behind the numbers: {stated}.",)
-    return Table(where, names, units, notes, source)
+    return Table(where, names, units, notes, source, date_order=options.date_order)
 
 
 def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":

@@ -19,7 +19,9 @@ from sysid.data.reading.header import (
     is_unit,
     measured,
 )
+from sysid.data.reading.line_keys import Line
 from sysid.data.reading.number_signs import NumberSigns, number_signs, without_groups
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
 
 DELIMITERS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -59,14 +61,7 @@ class Layout:
     encoding: str = ""
 
 
-def lay_out(
-    data: bytes,
-    where: str,
-    delimiter: str | None,
-    decimal: str | None,
-    strict: bool = False,
-    encoding: str | None = None,
-) -> Layout:
+def lay_out(data: bytes, where: str, options: ReadOptions) -> Layout:
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
     Of a log whose first lines say how all others are to be read only these are looked at.
@@ -75,24 +70,17 @@ def lay_out(
     if cut is not None:
         head, tail = cut
         with suppress(DataError):  # where the first lines are no log, all of them may be one
-            layout = _lay_out(head, where, delimiter, decimal, strict, encoding)
+            layout = _lay_out(head, where, options)
             alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
             if alike and not any(layout.in_cells):
                 rows = DataLines(layout.rows.head, tail)
                 return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
-    return _lay_out(data, where, delimiter, decimal, strict, encoding)
+    return _lay_out(data, where, options)
 
 
-def _lay_out(
-    data: bytes,
-    where: str,
-    delimiter: str | None,
-    decimal: str | None,
-    strict: bool,
-    encoding: str | None,
-) -> Layout:
+def _lay_out(data: bytes, where: str, options: ReadOptions) -> Layout:
     """``lay_out`` where every line is looked at."""
-    text, notes, guess = decode(data, where, encoding)
+    text, notes, guess = decode(data, where, options.encoding)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
@@ -100,48 +88,39 @@ def _lay_out(
     parts = find_header(numbered)
     if not parts.body:
         raise DataError(f"{where} has a header but no rows of numbers; record the log again")
-    cut = _delimiter(parts, delimiter)
-    header, rows, said = _named(parts, cut, decimal)
+    cut = _delimiter(parts, options.delimiter)
+    header, rows, said = _named(parts, cut, options.decimal)
     sep = "\t" if "\t" in header and cut == "," else cut
     names = tuple(c.strip() for c in cells_of(header, sep))
-    numbers = [i for i, _ in parts.body]
-    lines_left = _Lines(names, rows, numbers, NONE_SKIPPED, (*parts.notes, *said))
-    kept = _cleaned(lines_left, sep, where, strict, complete=not lines[-1])
-    bare, of_cells = _without_units(kept.rows, kept.numbers, sep, kept.names, where)
-    signs = _signs(bare, sep, decimal)
-    n = len(kept.names)
+    numbered_rows = list(zip((i for i, _ in parts.body), rows, strict=True))
+    complete = not lines[-1]
+    names, kept, skipped, more = _cleaned(
+        names, numbered_rows, sep, where, options.strict, complete
+    )
+    bare, of_cells = _without_units(kept, sep, names, where)
+    signs = _signs(bare, sep, options.decimal)
+    said, n = (*parts.notes, *said, *more, *signs.note()), len(names)
     below = [] if parts.units is None else [bare_unit(c) for c in cells_of(parts.units, cut)]
     return Layout(
-        names=kept.names,
+        names=names,
         delimiter=sep,
         decimal=signs.decimal,
         rows=DataLines(without_groups(bare, sep, signs.group) if signs.group else bare),
-        lines=kept.numbers,
-        notes=(*notes, *(f"{where}: {note}." for note in (*kept.notes, *signs.note()))),
+        lines=[i for i, _ in kept],
+        notes=(*notes, *(f"{where}: {note}." for note in said)),
         units=tuple([*below, *[""] * n][:n]),
         interval=parts.interval,
         in_cells=tuple(of_cells.get(i, "") for i in range(n)),
-        skipped=kept.skipped,
+        skipped=skipped,
         encoding=guess,
     )
-
-
-@dataclass(frozen=True)
-class _Lines:
-    """Names of the columns, the rows with their line numbers, and what was left out and said."""
-
-    names: tuple[str, ...]
-    rows: list[str]
-    numbers: list[int]
-    skipped: Skipped
-    notes: tuple[str, ...]
 
 
 def _named(parts: Header, sep: str, decimal: str | None) -> tuple[str, list[str], tuple[str, ...]]:
     """The header, the rows, and what is said where the columns are named by position."""
     header, rows = parts.line[1].strip("\ufeff").lstrip(" "), [line for _, line in parts.body]
     notes: tuple[str, ...] = ()
-    usual = Counter(_counts(rows[:SHOWN], sep)).most_common(1)[0][0]
+    usual = Counter(_counts(parts.body[:SHOWN], sep)).most_common(1)[0][0]
     if not header or (len(cells_of(header, sep)) == 1 < usual and is_data(rows[0])):
         names = [f"column_{k}" for k in range(1, usual + 1)]
         notes = (f"it has no header; its columns are named by position: {', '.join(names)}",)
@@ -152,57 +131,69 @@ def _named(parts: Header, sep: str, decimal: str | None) -> tuple[str, list[str]
     return header, rows, notes
 
 
-def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) -> _Lines:
-    """The rows alone: lines with other cells are left out, words for numbers are empty cells."""
-    skipped = NONE_SKIPPED
-    rows, numbers = lines.rows, lines.numbers
+def _cleaned(
+    names: tuple[str, ...],
+    rows: list[Line],
+    sep: str,
+    where: str,
+    strict: bool,
+    complete: bool,
+) -> tuple[tuple[str, ...], list[Line], Skipped, tuple[str, ...]]:
+    """Names and rows alone: lines with other cells are left out, words for numbers empty cells.
+
+    Args:
+        complete: whether the last line has an end.
+
+    Returns:
+        the names, the rows, the lines that were left out, and what is said of it.
+    """
+    skipped = footer = NONE_SKIPPED
     if not strict:
-        wanted = len(lines.names)
-        comment = {wanted - 1, wanted} if lines.names[-1].lower() == "comment" else set()
+        wanted = len(names)
+        comment = {wanted - 1, wanted} if names[-1].lower() == "comment" else set()
         bad = ragged(_counts(rows, sep), comment)
         if bad and bad[-1] == len(rows) - 1 and not complete:
             bad = bad[:-1]  # the last line is cut off, which is said on its own
-        rows, numbers, skipped = _left_out(rows, numbers, bad)
-    names, rows, numbers, notes = _even_out(lines.names, rows, numbers, sep, where, complete)
+        rows, skipped = _left_out(rows, bad)
+    names, rows, notes = _even_out(names, rows, sep, where, complete)
     if not strict:
-        without, first = without_words(rows, sep)
+        without, first = without_words([text for _, text in rows], sep)
         end = len(rows)
         while end - 1 in without and cells_of(without[end - 1], sep)[0] == "nan":
             end -= 1  # a footer: its rows begin with words, such as ``Mean;3.2``
-        rows, numbers, footer = _left_out(rows, numbers, range(end, len(rows)))
-        skipped += footer
+        rows, footer = _left_out(rows, range(end, len(rows)))
         first = {i: k for i, k in first.items() if k < end}
         said = ", ".join(
-            f"{names[i]} ({split_line(rows[k], sep)[i]!r} in line {numbers[k]})"
+            f"{names[i]} ({split_line(rows[k][1], sep)[i]!r} in line {rows[k][0]})"
             for i, k in first.items()
         )
         notes += (f"words in columns of numbers are empty cells: {said}",) * bool(said)
-        rows = [without.get(k, row) for k, row in enumerate(rows)]
-    return _Lines(names, rows, numbers, skipped, (*lines.notes, *notes))
+        rows = [(number, without.get(k, text)) for k, (number, text) in enumerate(rows)]
+    return names, rows, skipped + footer, notes
 
 
 def _signs(rows: Sequence[str], sep: str, decimal: str | None) -> NumberSigns:
     """Decimal sign and thousands separator."""
-    if decimal not in (None, ".", ","):
-        raise UsageError(f"the decimal sign must be '.' or ',', got {decimal!r}")
     if decimal == sep:
         raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
     return number_signs(rows, sep, "." if sep == "," else decimal)
 
 
-def _left_out(
-    rows: list[str], numbers: list[int], bad: Sequence[int]
-) -> tuple[list[str], list[int], Skipped]:
-    """Rows and their line numbers without those that are none, and these."""
-    lines = tuple((numbers[k], rows[k]) for k in bad)
+def _left_out(rows: list[Line], bad: Sequence[int]) -> tuple[list[Line], Skipped]:
+    """The rows without those that are none, and these."""
     gone = set(bad)
-    kept = [k for k in range(len(rows)) if k not in gone]
-    return [rows[k] for k in kept], [numbers[k] for k in kept], Skipped(lines)
+    kept = [row for k, row in enumerate(rows) if k not in gone]
+    return kept, Skipped(tuple(rows[k] for k in bad))
 
 
-def _counts(rows: Sequence[str], sep: str) -> list[int]:
-    plain = sep != " " and not any('"' in r for r in rows)
-    return [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
+def _counts(rows: Sequence[Line], sep: str) -> list[int]:
+    plain = _is_plain(rows, sep)
+    return [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for _, r in rows]
+
+
+def _is_plain(rows: Sequence[Line], sep: str) -> bool:
+    """Whether each sign between cells is one."""
+    return sep != " " and not any('"' in r for _, r in rows)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -211,16 +202,16 @@ def split_line(line: str, delimiter: str) -> list[str]:
 
 
 def _without_units(
-    rows: list[str], numbers: list[int], sep: str, names: tuple[str, ...], where: str
+    rows: Sequence[Line], sep: str, names: tuple[str, ...], where: str
 ) -> tuple[list[str], dict[int, str]]:
     """The rows without the unit behind each number of a column (``0.01 sec``), and these units."""
-    first = [measured(c) for c in cells_of(rows[0], sep)] if sep != " " else []
+    first = [measured(c) for c in cells_of(rows[0][1], sep)] if sep != " " else []
     units = {i: m[1] for i, m in enumerate(first) if m is not None and i < len(names)}
     if not units:
-        return rows, {}
-    cells = [cells_of(row, sep) for row in rows]
+        return [text for _, text in rows], {}
+    cells = [cells_of(text, sep) for _, text in rows]
     for i, unit in tuple(units.items()):
-        for line, row in zip(numbers, cells, strict=True):
+        for (line, _), row in zip(rows, cells, strict=True):
             text = row[i].strip() if i < len(row) else ""
             number = measured(text)
             if number is None and text.lower() not in MISSING:
@@ -266,57 +257,48 @@ def _delimiter(parts: Header, given: str | None) -> str:
 
 
 def _even_out(
-    names: tuple[str, ...],
-    rows: list[str],
-    numbers: list[int],
-    sep: str,
-    where: str,
-    complete: bool,
-) -> tuple[tuple[str, ...], list[str], list[int], tuple[str, ...]]:
+    names: tuple[str, ...], rows: list[Line], sep: str, where: str, complete: bool
+) -> tuple[tuple[str, ...], list[Line], tuple[str, ...]]:
     """Check that every row has as many cells as the header; forgive a cut-off last line."""
-    plain = sep != " " and not any('"' in r for r in rows)
     counts = _counts(rows, sep)
-    wanted = len(names)
+    wanted, spare = len(names), names[-1].lower() in ("", "comment")
     comment = names[-1].lower() == "comment"
     shown = rows if comment else rows[:1]
-    if wanted > 1 and comment and plain and set(counts) == {wanted - 1, wanted}:
+    if wanted > 1 and comment and _is_plain(rows, sep) and set(counts) == {wanted - 1, wanted}:
         # LabVIEW writes its comment behind the row that it was given for, and nothing elsewhere
         pairs = zip(rows, counts, strict=True)
-        rows = [r.rsplit(sep, 1)[0] if n == wanted else r for r, n in pairs]
+        rows = [(i, r.rsplit(sep, 1)[0] if n == wanted else r) for (i, r), n in pairs]
         names, wanted = names[:-1], wanted - 1
         counts = [wanted] * len(rows)
     elif (
         wanted > 1
-        and (comment or not names[-1])
+        and spare
         and set(counts) == {wanted}
-        and all(not cells_of(r, sep)[-1].strip() for r in shown)
+        and all(not cells_of(r, sep)[-1].strip() for _, r in shown)
     ):
         names = names[:-1]  # every line, the header too, ends in a delimiter or an empty comment
-    elif wanted > 1 and set(counts) == {wanted - 1} and names[-1].lower() in ("", "comment"):
+    elif wanted > 1 and spare and set(counts) == {wanted - 1}:
         names, wanted = names[:-1], wanted - 1  # only the header ends in a delimiter or "Comment"
-    elif set(counts) == {wanted + 1} and all(r.rstrip(" ").endswith(sep) for r in rows):
+    elif set(counts) == {wanted + 1} and all(r.rstrip(" ").endswith(sep) for _, r in rows):
         wanted += 1  # every line but the header ends in a delimiter
     notes: tuple[str, ...] = ()
     if counts[-1] < wanted and not complete and len(rows) > 1:
         notes = (
-            f"line {numbers[-1]}: the last line is cut off "
+            f"line {rows[-1][0]}: the last line is cut off "
             f"({counts[-1]} of {wanted} cells) and was left out",
         )
-        rows, numbers, counts = rows[:-1], numbers[:-1], counts[:-1]
-    for line, count in zip(numbers, counts, strict=True):
+        rows, counts = rows[:-1], counts[:-1]
+    for (line, _), count in zip(rows, counts, strict=True):
         if count != wanted:
-            if not any(map(is_data, rows)):
+            if not any(is_data(text) for _, text in rows):
                 raise no_table(where)
-            hint = (
-                " (a decimal comma? then use ; as delimiter)"
-                if sep == "," and count > wanted
-                else ""
-            )
+            comma = sep == "," and count > wanted
+            hint = " (a decimal comma? then use ; as delimiter)" if comma else ""
             raise DataError(
                 f"{where}, line {line} has {amount(count, 'cell')} where the header has {wanted}"
                 f"{hint}; correct or delete that line"
             )
-    return names, rows, numbers, notes
+    return names, rows, notes
 
 
 def no_table(where: str) -> DataError:

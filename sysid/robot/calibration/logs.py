@@ -10,7 +10,7 @@ from sysid.data.finding import Finding
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.preparation import Preparation, read_prepared
 from sysid.data.reading.columns import NO_INPUT
-from sysid.data.reading.pose_columns import find_pose
+from sysid.data.reading.pose import find_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Table
 from sysid.data.record import Record

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
-from sysid.errors import UsageError
 from sysid.structures.base import refuse_options
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure, block_traits
+from sysid.structures.options import choice
 from sysid.structures.orders import spread
 from sysid.structures.traits import Traits
 
@@ -57,11 +57,7 @@ class HammersteinWiener(BlockStructure):
         """The structure with these orders; without nb and nf the fit chooses them."""
         given = dict(options or {})
         refuse_options(cls.name, option_names(given), tuple(cls.traits.options))
-        form = given.pop("form", "both").lower()
-        if form not in FORMS:
-            raise UsageError(
-                f"`structure_options['form']`: choose one of {', '.join(FORMS)}, not {form!r}"
-            )
+        form = choice(given, "form", FORMS)
         requested = [requested_statics("input", given), requested_statics("output", given)]
         closed = {"hammerstein": 1, "wiener": 0}.get(form)
         if closed is not None and requested[closed].common is None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from sysid.data.record import Record
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
-from sysid.structures.blocks.linear_approximation import linear_starts
+from sysid.structures.blocks.linear_approximation import linear_model
 from sysid.structures.blocks.sign_recovery import signed_starts
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.blocks.trials import ChainData, Effort, Trial, best_start, preferred
@@ -62,25 +62,15 @@ def _at_orders(structure: HammersteinWiener, data: ChainData) -> Iterator[Trial]
     inputs, outputs = structure.statics
     if any(_is_signless(s) for s in outputs):
         yield from _signless(structure.orders, (inputs, outputs), data)
-    yield _around(_linear(structure.orders, data), (inputs, outputs), data, FULL)
+    yield _around(linear_model(structure.orders, data, FULL), (inputs, outputs), data, FULL)
     low = replace(
         structure.orders,
         nb=tuple(tuple(min(n, 1) for n in row) for row in structure.orders.nb),
         nf=tuple(tuple(min(n, 1) for n in row) for row in structure.orders.nf),
     )
     if low != structure.orders:
-        small = _around(_linear(low, data), (inputs, outputs), data, FULL)
+        small = _around(linear_model(low, data, FULL), (inputs, outputs), data, FULL)
         yield small.with_orders((structure.orders,), data, FULL)
-
-
-def _linear(orders: Orders, data: ChainData) -> Trial:
-    """The best linear approximation with these orders: the chain with all statics identities."""
-    first = data.records[0]
-    structure = HammersteinWiener((orders,), ((IDENTITY,) * first.nu, (IDENTITY,) * first.ny))
-    starts = [values for _, values in linear_starts(data.records, orders)]
-    best = best_start(structure, starts, data, FULL)
-    assert best is not None  # ARX always gives a start
-    return best
 
 
 def _around(base: Trial, statics: Pair, data: ChainData, effort: Effort) -> Trial:
@@ -121,7 +111,7 @@ class _Choice:
     def trials(self) -> Iterator[Trial]:
         """Orders with piecewise-linear statics first, then other kinds at the best orders."""
         orders = [o for o in self._orders() if self._bears(o)] or [self.structure.orders]
-        linear = [_linear(o, self.data) for o in orders]
+        linear = [linear_model(o, self.data, FULL) for o in orders]
         seen: list[Trial] = []
         before: dict[Pair, Trial] = {}
         for base in linear:

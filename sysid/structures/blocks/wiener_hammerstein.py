@@ -13,7 +13,7 @@ from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure, block_traits
-from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
+from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, require_names, spread, vector
 from sysid.structures.traits import Traits
 
 OPTIONS: Mapping[str, str] = {
@@ -63,23 +63,11 @@ class WienerHammerstein(BlockStructure):
         """
         refuse_options(cls.name, option_names(options), tuple(cls.traits.options))
         requested = requested_statics("static", options or {})
-        known = {*cls.traits.order_names}
-        for name in raw:
-            if name not in known:
-                raise UsageError(
-                    f"`orders`: {cls.name} has no order {name!r}; its orders are "
-                    f"{' '.join(cls.traits.order_names)}"
-                )
         choose = not set(raw) - {"nk"}
         full = {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1, **raw} if choose else dict(raw)
-        for name in cls.traits.order_names[:-1]:
-            if name not in full:
-                raise UsageError(
-                    f"`orders`: {cls.name} needs {name}; give all of nb1 nf1 nb nf (nk is 1 "
-                    "unless given)"
-                )
+        require_names(full, cls.traits.order_names[:-1], cls.name)
         second: dict[str, Any] = {k: full[k] for k in ("nb", "nf", "nk") if k in full}
-        rows = [_per_input(full[k], k, nu) for k in ("nb1", "nf1")]
+        rows = [vector(k, full[k], nu) for k in ("nb1", "nf1")]
         if not all(rows[0]):
             raise UsageError(f"`orders`: {cls.name} needs nb1 of at least 1 for every input")
         first = Orders(
@@ -121,16 +109,3 @@ def _diagonal(values: Sequence[int]) -> Matrix:
     return tuple(
         tuple(v if i == j else 0 for j in range(len(values))) for i, v in enumerate(values)
     )
-
-
-def _per_input(value: Any, name: str, nu: int) -> list[int]:
-    """One order an input from a number, a list or a row."""
-    flat = [value] * nu if isinstance(value, int) else list(value)
-    if len(flat) == 1 and isinstance(flat[0], list | tuple):
-        flat = list(flat[0])
-    whole = all(isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= 200 for v in flat)
-    if len(flat) != nu or not whole:
-        raise UsageError(
-            f"`orders`: {name} must be a whole number from 0 to 200, or {nu} of them, got {value!r}"
-        )
-    return [int(v) for v in flat]

@@ -50,12 +50,11 @@ def ranked_starts(
     second = [max(row[j] for row in structure.orders.nf) for j in range(nu)]
     degrees = [a + b for a, b in zip(first, second, strict=True)]
     deals: list[list[tuple[Poles, Poles]]] = [[] for _ in range(nu)]
-    for refine in (True, False):
-        pools = input_denominators(shortened(records, BLA_SAMPLES), degrees, refine=refine)
-        for j, pool in enumerate(pools):
-            for dealt in _deals(np.roots(pool).astype(np.complex128), first[j]):
-                if not any(_same(dealt, known) for known in deals[j]):
-                    deals[j].append(dealt)
+    pools = input_denominators(shortened(records, BLA_SAMPLES), degrees)
+    for known, pool, n in zip(deals, pools, first, strict=True):
+        for denominator in pool:
+            dealt = _deals(np.roots(denominator).astype(np.complex128), n)
+            known += [d for d in dealt if not any(_same(d, k) for k in known)]
     count = max(len(d) for d in deals)
     starts = []
     for k in range(count):

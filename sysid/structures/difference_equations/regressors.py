@@ -22,8 +22,8 @@ from sysid.structures.difference_equations.expressions import (
     written,
 )
 from sysid.structures.difference_equations.monomials import lagged
-from sysid.structures.difference_equations.options import by_output
 from sysid.structures.difference_equations.signals import lagged_signals
+from sysid.structures.options import by_output
 from sysid.structures.orders import Orders
 
 MAX_REGRESSORS = 120

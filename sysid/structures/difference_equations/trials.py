@@ -3,10 +3,6 @@
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
-import numpy as np
-
-from sysid.fitting.searchable import StartReport
-
 SEARCH_SAMPLES = 8_000
 """Samples that choose what an equation holds; its parameters come from all of them."""
 
@@ -39,9 +35,3 @@ def as_good_as(error: float, trials: Sequence[Trial], tie: float = TIE) -> list[
     """The trials with errors that are not larger but for ``tie``, or all; the smallest first."""
     close = [t for t in trials if t.error <= (1.0 + tie) * error] or list(trials)
     return sorted(close, key=lambda t: (t.size, t.error))
-
-
-def start_report(output: str, how: str, error: float, evaluations: int = 1) -> StartReport:
-    """What became of one trial, as the outcome of a fit lists it."""
-    known = error if np.isfinite(error) else None
-    return StartReport(output, how, known, known, evaluations)

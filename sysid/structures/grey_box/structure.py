@@ -14,15 +14,15 @@ import numpy as np
 
 from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
-from sysid.errors import UsageError, argument
+from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
-from sysid.outside_text import whole
 from sysid.runners import floats
 from sysid.runners.single import in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.physics import MAX_SUBSTEPS, Physics, Sampling
 from sysid.structures.grey_box.runs import fitted_state, stays_bounded, tangents, trajectory
 from sysid.structures.motion import time_constants
+from sysid.structures.options import whole_number
 from sysid.structures.physics import friction_entries, torques
 from sysid.structures.special_runs import readout
 from sysid.structures.traits import Traits
@@ -104,7 +104,9 @@ class GreyBox(NamedStructure, Generic[P]):
                 f"`orders`: {cls.name} is a physical model and has no orders; omit `orders`"
             )
         given = dict(options or {})
-        sampling = Sampling(substeps=_substeps(given.get("substeps", "auto")))
+        sampling = Sampling(
+            substeps=whole_number(given, "substeps", 1, MAX_SUBSTEPS, cls.name) or 0
+        )
         opened = tuple(n.strip() for n in given.get("free", "").split(",") if n.strip())
         physics: Any = cls.physics_for(given, nu, ny)
         known = [c.name for c in physics.constants]
@@ -285,15 +287,3 @@ def _(s: GreyBox, theta: Array) -> TorqueSource | None:  # type: ignore[type-arg
 def _(s: GreyBox) -> tuple[int, ...]:  # type: ignore[type-arg]
     entries: tuple[int, ...] = s.physics.friction_entries()
     return entries
-
-
-def _substeps(text: str) -> int:
-    if text == "auto":
-        return 0
-    number = whole(text)
-    if number is None or not 1 <= number <= MAX_SUBSTEPS:
-        raise UsageError(
-            f"{argument(structure_options={'substeps': text})}: give a whole number from 1 to "
-            f"{MAX_SUBSTEPS}, or auto"
-        )
-    return number

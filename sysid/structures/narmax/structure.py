@@ -22,17 +22,17 @@ from sysid.structures.difference_equations.monomials import (
     printed,
     typed_name,
 )
-from sysid.structures.difference_equations.options import (
+from sysid.structures.difference_equations.signals import Signal, lagged_signals
+from sysid.structures.difference_equations.structure import RecursiveStructure
+from sysid.structures.narmax.problems import OneStep
+from sysid.structures.narmax.runs import PolynomialRun
+from sysid.structures.options import (
     MARGIN,
     by_output,
     choice,
     margin,
     whole_number,
 )
-from sysid.structures.difference_equations.signals import Signal, lagged_signals
-from sysid.structures.difference_equations.structure import RecursiveStructure
-from sysid.structures.narmax.problems import OneStep
-from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, Orders, spread
 from sysid.structures.traits import Traits
 

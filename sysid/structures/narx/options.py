@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import UsageError
-from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
 from sysid.structures.difference_equations.regressors import MAX_REGRESSORS, Row
 from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.narx.wavelet_network import DEGREE, KINDS, RowDesign
+from sysid.structures.options import MARGIN, choice, margin, whole_number
 from sysid.structures.orders import Orders
 
 MAX_UNITS = 200

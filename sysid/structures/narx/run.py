@@ -10,7 +10,6 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.runners import floats
-from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import evaluate, signals
 from sysid.structures.difference_equations.free_run import (
     Chunks,
@@ -22,6 +21,7 @@ from sysid.structures.difference_equations.free_run import (
 )
 from sysid.structures.difference_equations.regressors import Row, holds_output
 from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.narx.compiled import WeightedChunks, compiled_runs
 from sysid.structures.narx.wavelet_network import KINDS, Frame, RowDesign, size, split, value
 
 LONG = 20_000

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
+from sysid.fitting.batched import Damping, descend_together
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.run_errors import output_scales
-from sysid.fitting.solvers import many_starts
 from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
-from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import replaced
 from sysid.structures.difference_equations.regressors import columns
 from sysid.structures.difference_equations.signals import OneOutput, Signal
+from sysid.structures.narx.compiled import WeightedChunks, compiled_runs
 from sysid.structures.narx.run import Maps, NarxRun
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import (
@@ -37,9 +37,6 @@ from sysid.structures.narx.words import shapes
 
 LANES = 12
 """Maps judged side by side."""
-
-ROWS = 3000
-"""Errors that count in a refinement: neighbouring ones are nearly the same, fewer cost less."""
 
 STRETCH = 512
 """Samples a stretch of data that is run side by side with others."""
@@ -63,6 +60,8 @@ SHRINK = 1e-2
 
 FIRM = 1e-5
 """The same for a change of the linear part by one spread: what data leave open stays."""
+SETTLED = 1e-6
+"""Relative decrease of the cost by which a step must lower it, or it was the last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,36 +211,29 @@ class RowRuns:
         lanes = self.structure.options_given.starts
         some = [*trials, *[trials[0]] * (lanes - len(trials))]
         padded = Padded(some, self, self.compact(trials))
-        chunks = self._chunks(chunk)
-        functions = _refinement(padded.maps(self))
         scale = padded.stacked([self.sizes(d) for d in padded.designs], 1.0)
+        prior, z = padded.prior(self), padded.theta / scale
+        aim = np.where(prior.to_zero, 0.0, z)
         # the cost at the start, near enough to weigh what draws the parameters
-        cost = np.array([min(t.error, 1.0) for t in trials])
-        cost = np.concatenate([cost, np.repeat(cost[:1], lanes - len(trials))])
-        prior = padded.prior(self)
-        pull = cost[:, None] * np.where(prior.free, np.sqrt(prior.share), 1.0)
-        z = padded.theta / scale
-        aim = np.where(prior.free & prior.to_zero, 0.0, z)
-        lower, upper = prior.lower / scale, prior.upper / scale
-        each = (padded.frames, scale, prior.free, z, aim, pull, lower, upper)
-        data = thinned(chunks)
-        ends = many_starts(functions[0], z, each, data, iterations, 1e-9, functions[1])
-        refined = []
-        for k, (t, end) in enumerate(zip(trials, ends, strict=False)):
-            theta = t.theta
-            if end.cost is not None:
-                moved = np.clip(end.z, lower[k], upper[k])
-                theta = padded.cut(k, np.where(prior.free[k], moved, z[k]) * scale[k])
-            words = t.how.split(", refined")[0]
-            refined.append(
-                replace(
-                    t,
-                    theta=theta,
-                    how=f"{words}, refined over {chunk} samples",
-                    chunk=chunk,
-                    evaluations=t.evaluations + end.iterations,
-                )
+        cost = np.array([[min(t.error, 1.0)] for t in some])
+        pull = np.where(prior.free, cost * np.sqrt(prior.share), 0.0)
+        runs = _Candidates(padded, self, self._chunks(chunk), scale, aim, pull)
+        bounds = (prior.lower / scale, prior.upper / scale)
+        start = np.where(prior.free, np.clip(z, *bounds), z)
+        with np.errstate(over="ignore", invalid="ignore"):
+            ends, _ = descend_together(
+                runs, start, prior.free, bounds, Damping(), iterations, SETTLED
             )
+        refined = [
+            replace(
+                t,
+                theta=padded.cut(k, ends[k] * scale[k]),
+                how=f"{t.how.split(', refined')[0]}, refined over {chunk} samples",
+                chunk=chunk,
+                evaluations=t.evaluations + int(runs.count[k]),
+            )
+            for k, t in enumerate(trials)
+        ]
         return self.judged(refined)
 
     def compact(self, trials: Sequence[Trial]) -> tuple[int, int, int]:
@@ -288,22 +280,6 @@ class RowRuns:
 def rounded(count: int) -> int:
     """The next of SIZES, or of the powers of two."""
     return next((n for n in SIZES if n >= count), 1 << (count - 1).bit_length())
-
-
-def thinned(chunks: WeightedChunks) -> tuple[WeightedChunks, Index, Array]:
-    """At most ROWS errors, evenly spread, that stand for all of them.
-
-    Returns:
-        The chunks, the places of the errors, and 0 where a place is there for the shape only.
-    """
-    rows = np.flatnonzero(chunks.weight.ravel())
-    most = min(ROWS, chunks.weight.size)
-    if len(rows) > most:
-        kept = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
-        more = np.sqrt(len(rows) / most)
-        return chunks._replace(weight=chunks.weight * more), kept, np.ones(most)
-    padding = np.zeros(most - len(rows), dtype=int)
-    return chunks, np.concatenate([rows, padding]), np.repeat([1.0, 0.0], [len(rows), len(padding)])
 
 
 class Padded:
@@ -376,28 +352,61 @@ def _batch_runs(maps: Maps) -> Callable[..., Any]:
 
 
 @lru_cache(maxsize=64)
-def _refinement(maps: Maps) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Residual and Jacobian as ``many_starts`` takes them, in parameters of size one.
+def _batch_slopes(maps: Maps) -> Callable[..., Any]:
+    """(θ (S, n), frames, chunks) → ‖ε‖² (S,), JᵀJ (S, n, n) and Jᵀε (S, n), compiled."""
+    from sysid.runners.compiled import jax_module
 
-    ``each`` holds frames, sizes, which parameters are free, where all start, where the prior has
-    them and how firmly, and their bounds, outside which the map is that on the bound.
+    jax, functions = jax_module(), compiled_runs(maps)
+
+    def sums(theta: Any, frames: Any, chunks: Any) -> Any:
+        e = functions.residual(theta, frames, chunks)
+        J = functions.jacobian(theta, frames, chunks)
+        return e @ e, J.T @ J, J.T @ e
+
+    compiled: Callable[..., Any] = jax.jit(jax.vmap(sums, in_axes=(0, 0, None)))
+    return compiled
+
+
+class _Candidates:
+    """Free runs of maps of one shape, and what draws their parameters, as a batch is fitted.
+
+    Args:
+        scale: typical size of each parameter, (S, n): θ counts in these.
+        aim: to where each is drawn.
+        pull: how firmly.
     """
-    functions = compiled_runs(maps)
 
-    def residual(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
-        chunks, rows, counts = data
-        frames, scale, free, start, aim, pull, lower, upper = each
-        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
-        e = functions.residual(theta, frames, chunks)[rows] * counts
-        return jnp.concatenate([e, pull * (z - aim)])
+    def __init__(
+        self,
+        padded: "Padded",
+        row: RowRuns,
+        chunks: WeightedChunks,
+        scale: Array,
+        aim: Array,
+        pull: Array,
+    ) -> None:
+        self._sums, self._frames = _batch_slopes(padded.maps(row)), padded.frames
+        self._chunks, self._scale, self._aim, self._pull = chunks, scale, aim, pull
+        self.count: Index = np.zeros(len(scale), dtype=np.int64)
 
-    def jacobian(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
-        chunks, rows, counts = data
-        frames, scale, free, start, _, pull, lower, upper = each
-        theta = jnp.where(free, jnp.clip(z, lower, upper), start) * scale
-        J = functions.jacobian(theta, frames, chunks)[rows] * counts[:, None]
-        # on a bound only what draws a parameter to its start is felt
-        J = J * jnp.where(free & (z >= lower) & (z <= upper), scale, 0.0)
-        return jnp.concatenate([J, jnp.diag(pull)])
+    def __call__(self, z: Array, which: Index) -> "_Tried":
+        self.count[which] += 1
+        square, A, g = (
+            np.asarray(part) for part in self._sums(z * self._scale, self._frames, self._chunks)
+        )
+        drawn = self._pull * (z - self._aim)
+        A = self._scale[:, :, None] * A * self._scale[:, None, :]
+        A = np.nan_to_num(A, posinf=0.0, neginf=0.0) + np.eye(A.shape[1]) * self._pull[:, None] ** 2
+        g = -np.nan_to_num(self._scale * g, posinf=0.0, neginf=0.0) - self._pull * drawn
+        return _Tried((square + np.sum(drawn**2, axis=1))[which, None], A[which], g[which])
 
-    return residual, jacobian
+
+class _Tried(NamedTuple):
+    """Candidates run at some parameters: squared errors (k, 1), normal equations."""
+
+    cost: Array
+    A: Array
+    g: Array
+
+    def normal(self, of: Index) -> tuple[Array, Array]:
+        return self.A[of], self.g[of]

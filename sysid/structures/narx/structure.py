@@ -10,7 +10,6 @@ from sysid.data.record import Array, Channel
 from sysid.data.schema import completed
 from sysid.fitting.problem import Data, Parameter, Problem
 from sysid.structures.base import refuse_options
-from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.regressors import Row, columns, custom
@@ -18,6 +17,7 @@ from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.difference_equations.structure import RecursiveStructure
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
+from sysid.structures.narx.compiled import compiled_runs
 from sysid.structures.narx.options import NarxOptions
 from sysid.structures.narx.run import LONG, Maps, NarxRun
 from sysid.structures.narx.wavelet_network import KINDS, Kind, RowDesign

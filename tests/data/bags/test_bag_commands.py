@@ -12,8 +12,7 @@ from command_line import Capture, run
 from mission_cases import Robot as Plant
 from recorded_robots import EPOCH, MAP, Robot, Sender
 
-from sysid.data.bags.drive import write_drive
-from sysid.data.bags.writing import Messages, Outgoing, write_bag
+from sysid.data.bags.writing import Messages, Outgoing, write_bag, write_drive
 from sysid.data.io import read_file, read_log
 from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
@@ -187,7 +186,7 @@ def test_a_simulation_that_starts_again_is_two_experiments(
     _, result = driven
 
     def twice(make: Messages) -> list[Outgoing]:
-        from sysid.data.bags.drive import _messages
+        from sysid.data.bags.writing import _messages
 
         once = list(_messages(result.log, make))
         later = 2 * once[-1].received + 3 * 10**9

@@ -9,8 +9,7 @@ from command_line import Capture, run
 from mission_cases import Robot as Plant
 from recorded_robots import EPOCH
 
-from sysid.data.bags.drive import write_drive
-from sysid.data.bags.writing import Messages, Outgoing, write_bag
+from sysid.data.bags.writing import Messages, Outgoing, write_bag, write_drive
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 

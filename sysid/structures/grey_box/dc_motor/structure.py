@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from sys import float_info
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self, get_args
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
-from sysid.errors import UsageError, argument
+from sysid.errors import UsageError
 from sysid.runners.single import together
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
@@ -25,6 +26,7 @@ from sysid.structures.grey_box.dc_motor.torque import torque_source
 from sysid.structures.grey_box.dc_motor.words import sentences
 from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.options import choice, number
 from sysid.structures.traits import Traits
 from sysid.vehicle.dry_friction import decay
 from sysid.vehicle.motors import TorqueSource
@@ -111,13 +113,10 @@ class MotorPhysics(Physics):
                 f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
                 f"inputs and {ny} outputs; choose columns with `inputs` and `outputs`"
             )
-        settings: dict[str, Any] = {}
-        for option, choices in _CHOICES.items():
-            value = given.get(option, choices[0])
-            if value not in choices:
-                asked = argument(structure_options={option: value})
-                raise UsageError(f"{asked}: choose one of {', '.join(choices)}")
-            settings["parametrisation" if option == "parameters" else option] = value
+        settings: dict[str, Any] = {
+            "parametrisation" if option == "parameters" else option: choice(given, option, words)
+            for option, words in _CHOICES.items()
+        }
         shared = given.get("shared")
         if shared is not None:
             names = () if shared == "none" else tuple(n.strip() for n in shared.split(","))
@@ -128,7 +127,13 @@ class MotorPhysics(Physics):
                         f"`structure_options['shared']`: {n!r} cannot be shared; choose of {known}"
                     )
             settings["shared"] = names
-        settings["torque_per_input"] = _positive(given.get("torque_constant", "0"))
+        settings["torque_per_input"] = number(
+            given,
+            "torque_constant",
+            0.0,
+            float_info.max,
+            "the stall torque or force per unit of input, a number above 0",
+        )
         return cls(nu, ny, **settings)
 
     # ----------------------------------------------------------------- constants and states
@@ -337,16 +342,3 @@ def _stribeck_scale(records: Sequence[Record], position: bool) -> float:
     speeds = [np.diff(r.y, axis=0) / r.dt if position else r.y for r in records]
     typical = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     return 0.1 * typical if typical > 0 else 1.0
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not (np.isfinite(value) and value >= 0.0):
-        raise UsageError(
-            f"{argument(structure_options={'torque_constant': text})}: give the stall torque or "
-            "force per unit of input, a number above 0"
-        )
-    return value

@@ -1,4 +1,4 @@
-"""Options of recursive structures as users type them: numbers, shares, choices, lists by output."""
+"""Options of structures as users type them: numbers, shares, choices, lists by output."""
 
 from collections.abc import Mapping, Sequence
 
@@ -33,17 +33,25 @@ def choice(given: Given, name: str, known: Sequence[str]) -> str:
     return text
 
 
-def margin(given: Given) -> float:
-    """The option ``margin``, MARGIN unless given; UsageError when it is no sensible share."""
-    text = given.get("margin", str(MARGIN))
+def number(given: Given, name: str, usual: float, most: float, asked: str) -> float:
+    """An option that is a number from 0 to ``most``, ``usual`` unless given.
+
+    Args:
+        asked: what to give, for the sentence about another.
+    """
+    text = given.get(name, str(usual))
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.0 <= value <= 10.0:
-        option = argument(structure_options={"margin": text})
-        raise UsageError(f"{option}: give a share from 0 to 10, such as {MARGIN}")
+    if not 0.0 <= value <= most:
+        raise UsageError(f"{argument(structure_options={name: text})}: give {asked}")
     return value
+
+
+def margin(given: Given) -> float:
+    """The option ``margin``."""
+    return number(given, "margin", MARGIN, 10.0, f"a share from 0 to 10, such as {MARGIN}")
 
 
 def by_output(text: str, name: str, ny: int, *, one_for_all: bool) -> list[list[str]]:

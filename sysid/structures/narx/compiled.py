@@ -1,4 +1,4 @@
-"""Compiled runs of difference equations over chunks of data, with their gradients.
+"""Compiled runs of NARX maps over chunks of data, with their gradients.
 
 The runs are one ``lax.scan`` over time, all chunks side by side. The gradient is in two parts:
 along the finished run the partial derivatives ∂F/∂θ and ∂F/∂ŷ(t−l) of all samples are found at
@@ -10,31 +10,14 @@ is scanned. ``jax.jacfwd`` through the scan gives the same numbers but carries e
 network through every step for every parameter, some twenty times slower.
 """
 
-from collections.abc import Hashable
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sysid.data.record import Index
-from sysid.structures.difference_equations.free_run import OfInputs, OfOutputs, Place
-from sysid.structures.difference_equations.signals import Signal
+if TYPE_CHECKING:
+    from sysid.structures.narx.run import Maps
 
 Values = Any
 """An array of jax.numpy."""
-
-
-class Equations(Hashable, Protocol):
-    """What is compiled: equal ones share a compilation, whatever their frames hold."""
-
-    @property
-    def signals(self) -> tuple[Signal, ...]:
-        """The lagged signals that occur, past outputs first."""
-
-    @property
-    def theta_index(self) -> list[Index]:
-        """Entries of θ of each output."""
-
-    def parts(self, xp: Any, theta: Any, frames: Any, place: Place) -> tuple[OfInputs, OfOutputs]:
-        """``FreeRun.parts`` with what is fixed as an argument."""
 
 
 class WeightedChunks(NamedTuple):
@@ -62,7 +45,7 @@ solver with infinities."""
 
 
 class CompiledRuns:
-    """The equations over chunks side by side, in jax.numpy: functions of (θ, frames, chunks).
+    """The maps over chunks side by side, in jax.numpy: functions of (θ, frames, chunks).
 
     ``outputs``, ``residual`` and ``jacobian`` are ready for ``jit`` and ``vmap``.
 
@@ -72,15 +55,15 @@ class CompiledRuns:
         partial: (θ, frames, signals (N, …)) → ∂F/∂θ (N, ny, n) alone, compiled.
     """
 
-    def __init__(self, equations: Equations) -> None:
+    def __init__(self, maps: "Maps") -> None:
         from sysid.runners.compiled import jax_module
 
         self.jax = jax_module()
         self.jnp = self.jax.numpy
-        self.equations, self.ny = equations, len(equations.theta_index)
-        self.past = [s for s in equations.signals if s.kind == "y"]
-        self.inputs = [s for s in equations.signals if s.kind == "u"]
-        self.place = equations.signals.index
+        self.maps, self.ny = maps, len(maps.theta_index)
+        self.past = [s for s in maps.signals if s.kind == "y"]
+        self.inputs = [s for s in maps.signals if s.kind == "u"]
+        self.place = maps.signals.index
         self.runs = self.jax.jit(self.outputs)
         self.slopes = self.jax.jit(lambda *given: self.cut(self.along(*given)))
         self.partial = self.jax.jit(lambda *given: self.partials(*given)[0])
@@ -105,7 +88,7 @@ class CompiledRuns:
     def run(self, theta: Values, frames: Any, data: WeightedChunks) -> tuple[Values, Values]:
         """ŷ (L, ny, B) and the past outputs it was computed from, (L, signals, B)."""
         jnp = self.jnp
-        of_inputs, of_outputs = self.equations.parts(jnp, theta, frames, self.place)
+        of_inputs, of_outputs = self.maps.parts(jnp, theta, frames, self.place)
         low, high = data.limits[:, :1], data.limits[:, 1:]
 
         def sample(carry: tuple[Values, Values], now: Any) -> tuple[Any, Any]:
@@ -141,7 +124,7 @@ class CompiledRuns:
         jax, jnp, at = self.jax, self.jnp, len(self.past)
 
         def values(theta: Values, past: Values, inputs: Values) -> Values:
-            of_inputs, of_outputs = self.equations.parts(jnp, theta, frames, self.place)
+            of_inputs, of_outputs = self.maps.parts(jnp, theta, frames, self.place)
             known = [*past, *inputs]
             return jnp.stack(of_outputs(known, of_inputs(known)))
 
@@ -177,6 +160,6 @@ class CompiledRuns:
 
 
 @lru_cache(maxsize=64)
-def compiled_runs(equations: Equations) -> CompiledRuns:
-    """The functions for some equations, each compiled once."""
-    return CompiledRuns(equations)
+def compiled_runs(maps: "Maps") -> CompiledRuns:
+    """The functions for some maps, each compiled once."""
+    return CompiledRuns(maps)
