@@ -15,6 +15,7 @@ from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.diagnose import require_apart
 from sysid.diagnosis.diagnosis import Diagnosis, Experiment, NamedEffect, Trace, Value
 from sysid.diagnosis.gap import measure_gap
+from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.validation.localise import localise
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.errors import Termination
@@ -100,7 +101,7 @@ def _dead_zone(outputs: tuple[str, ...]) -> NamedEffect:
         for output in outputs
     )
     return NamedEffect(
-        "dead-zone", "actuator", outputs, values, -900.0, 1e-9, 0.9,
+        "dead-zone", "actuator", outputs, values, Evidence(-900.0, 9.0, 1.0, 0.1, 1e-9),
         ("stiction",), "Below 20 % of full drive nothing moves.",
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """The diagnosis assembled: effects, verdict, both models, gap and next experiments."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from sysid.diagnosis.diagnosis import (
 )
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
 from sysid.diagnosis.isolability import isolability_of
-from sysid.diagnosis.long_logs import InFull
+from sysid.diagnosis.long_logs import InFull, Searched
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
@@ -57,9 +57,6 @@ from sysid.estimation.assessment.figures import residual_tests
 from sysid.robot.calibration.windows import track_channels
 from sysid.structures.model import Model
 
-Judge = Callable[[DiagnosisSession, Selection], InFull]
-"""Both models on all samples of long logs."""
-
 ONLY_IN_PIECES = "over all samples of the log the errors grow with it"
 
 FEW_WINDOWS = 40
@@ -70,10 +67,10 @@ def assemble(
     result: SelectionResult,
     model: Model | None,
     pose: PoseDiagnosis | None,
-    judged: Judge | None = None,
+    searched: Searched,
 ) -> Diagnosis:
     """Everything but the mission."""
-    selection, rejected, whole = _confirmed(result, judged)
+    selection, rejected, whole = _confirmed(result, searched)
     session = result.session
     gap = whole.gap if whole else session.gap(selection)
     diagnosis = _Assembly(session, selection, gap, model, pose).diagnosis()
@@ -89,22 +86,25 @@ def assemble(
 
 
 def _confirmed(
-    result: SelectionResult, judged: Judge | None
+    result: SelectionResult, searched: Searched
 ) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
     selection, rejected = confirmed(session, result.selection)
-    if judged is None:
+    if not searched.whole:
         return selection, rejected, None
-    whole = judged(session, selection)
+    whole = searched.judged(session, selection)
     while selection.effects:
-        rests = {n.id: judged(session, replace(selection, final=n.rest)) for n in selection.effects}
+        rests = {
+            n.id: searched.judged(session, replace(selection, final=n.rest))
+            for n in selection.effects
+        }
         least = min(rests, key=lambda id: rests[id].gap.after)
         if rests[least].gap.after > whole.gap.after:
             break
         rejected += (RejectedEffect(least, ONLY_IN_PIECES, "only-in-pieces"),)
         selection = measured(session.base, session.base.search.without_effect(selection, least))
-        whole = judged(session, selection)
+        whole = searched.judged(session, selection)
     return selection, rejected, whole
 
 
@@ -209,7 +209,7 @@ class _Assembly:
         """What remains in its errors."""
         after = self.session.before
         if self.selection.selected:
-            after = self.session.residual_structure(self.selection, after=True)
+            after = self.session.residual_structure(self.selection.final)
         names = self.session.base.parts.holdout[0].output_names
         return Remaining(after, self.gap, leading(self.regions, names))
 

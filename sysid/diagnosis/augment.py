@@ -14,11 +14,10 @@ from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.admission import on_bound
 from sysid.diagnosis.search.batched_search import information
 from sysid.diagnosis.search.evidence import effective_samples
-from sysid.diagnosis.search.parameter_table import ParameterTable
 from sysid.diagnosis.search.selection import CandidateModel, Interval
 from sysid.effects.base import Place
 from sysid.effects.by_log import BY_LOG
-from sysid.effects.catalogue import CHANGED, LEVEL, effect
+from sysid.effects.catalogue import CHANGED, LEVEL, about, effect
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import Termination
 from sysid.structures.augmented.structure import Augmented
@@ -67,7 +66,7 @@ def values_of(
     """The parameters of an effect with standard errors; None where nothing was estimated."""
     m = base.search.model
     first = base.search.estimation[0]
-    sided = first.nu > first.ny and id in _of_command(m)
+    sided = first.nu > first.ny and about(id).place is Place.COMMAND
     names = first.input_names if sided else first.output_names
     unit = base.search.estimation[0].outputs[0].unit
     errors, acting = std_errors(base, candidate), _acting(base, candidate, id)
@@ -119,10 +118,6 @@ def _speed_of_error(base: Base, candidate: CandidateModel, track: int) -> float:
         if abs(slope - before) < SETTLED * abs(slope):
             break
     return speed
-
-
-def _of_command(model: ParameterTable) -> tuple[str, ...]:
-    return tuple(e.id for e in model.effects if e.place is Place.COMMAND)
 
 
 def _acting(base: Base, candidate: CandidateModel, id: str) -> tuple[str, ...]:

@@ -17,9 +17,9 @@ from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import SampleEffects, inspect_rates, inspect_samples, with_steps_of
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.motion_equations import servo_delay
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.diagnosis.servo_delay import servo_delay
 from sysid.effects.base import Effect, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
 from sysid.effects.catalogue import in_chain

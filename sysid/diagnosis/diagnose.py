@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -39,9 +38,6 @@ NO_POSE = (
     "The geometry was not used: the log holds no pose (columns x, y, psi) with the speeds of a "
     "left and a right track, or too little of it."
 )
-
-PATH_ROWS = 400
-"""Points of a path kept for the picture."""
 
 
 def diagnose(
@@ -105,10 +101,13 @@ def diagnose(
     if geometry is not None and diagnosis.geometry is None and mission is None:
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, NO_POSE))
     if mission is not None:
+        from sysid.diagnosis.validation.mission import prove_on_mission
+
         say("driving the mission with both models", 0.9)
         if diagnosis.geometry is not None:
             geometry = diagnosis.geometry.geometry
-        diagnosis = replace(diagnosis, path=_path(mission, logs, diagnosis, geometry))
+        path = prove_on_mission(mission, logs, diagnosis.before, diagnosis.after, geometry)
+        diagnosis = replace(diagnosis, path=path)
     say("done", 1.0)
     return replace(diagnosis, seconds=time.perf_counter() - started)
 
@@ -145,7 +144,7 @@ def _searched(
         result = or_on_first_order(result, facts, holdout_facts, say)
     say("validation", 0.52)
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
-    diagnosis = assemble(result, model, pose_diagnosis, searched.judged)
+    diagnosis = assemble(result, model, pose_diagnosis, searched)
     if pose_diagnosis is not None and diagnosis.several.logs:
         corrected, corrected_holdout = correct_sensor(result.session.base, result.selection)
         every = (
@@ -185,20 +184,3 @@ def require_apart(estimation: Sequence[Record], holdout: Sequence[Record]) -> No
                 f"{r.name} is both a log and a `validation` log: the validation log must differ "
                 "from the estimation log; omit `validation` to split the log"
             )
-
-
-def _path(
-    mission: Path, records: Sequence[Record], result: Diagnosis, geometry: Geometry | None
-) -> dict[str, Any]:
-    from sysid.diagnosis.validation.mission import prove_on_mission
-
-    proof = prove_on_mission(mission, records, result.before, result.after, geometry)
-    traces = []
-    for t in proof.traces:
-        stride = max(len(t.t) // PATH_ROWS, 1)
-        rows = {
-            name: np.round(getattr(t, name)[::stride, :2], 4).tolist()
-            for name in ("measured", "before", "after")
-        }
-        traces.append({"record": t.name, **rows})
-    return {**proof.facts, "traces": traces}

@@ -8,6 +8,7 @@ from sysid.criteria.verdicts import ResidualReport
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
+from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.several.results import SeveralLogs
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.excess_error import ExcessError
@@ -135,8 +136,8 @@ class NamedEffect:
 
     Attributes:
         stage: actuator, motor, vehicle, sensor or any.
-        delta_bic, p_value, heldout_gain: evidence; the gain is the relative fall of the held-out
-            RMSE, 1 − with/without.
+        evidence: what speaks for it; None for what is read off the samples, where no error is
+            compared.
         indistinguishable: other effects that explain this log as well.
         remains: what stays there although it is added, in words; empty where that is noise.
     """
@@ -145,9 +146,7 @@ class NamedEffect:
     stage: str
     channels: tuple[str, ...]
     parameters: tuple[Value, ...]
-    delta_bic: float
-    p_value: float
-    heldout_gain: float
+    evidence: Evidence | None
     indistinguishable: tuple[str, ...]
     sentence: str
     remains: str = ""
@@ -155,7 +154,7 @@ class NamedEffect:
     @property
     def error_ratio_without(self) -> float | None:
         """Held-out RMSE without the effect over that with it; None where it lowers no error."""
-        return None if self.delta_bic == 0.0 else 1.0 / max(1.0 - self.heldout_gain, 1e-3)
+        return None if self.evidence is None else 1.0 / max(self.evidence.ratio, 1e-3)
 
     @property
     def fit_words(self) -> str:
@@ -166,17 +165,14 @@ class NamedEffect:
         return f"{ratio}; {self.remains}." if self.remains else f"{ratio}."
 
     def to_json(self) -> dict[str, Any]:
-        """As ``diagnosis.json`` holds it."""
+        """As ``diagnosis.json`` holds it; of evidence the relative fall of the held-out RMSE."""
+        e = self.evidence
         return {
             "id": self.id,
             "stage": self.stage,
             "channels": self.channels,
             "parameters": self.parameters,
-            "evidence": {
-                "delta_bic": self.delta_bic,
-                "p_value": self.p_value,
-                "heldout_gain": self.heldout_gain,
-            },
+            "evidence": e and {**e.to_json(), "heldout_gain": 1.0 - e.ratio},
             "indistinguishable": self.indistinguishable,
             "sentence": self.sentence,
             "error_ratio_without": self.error_ratio_without,

@@ -33,7 +33,7 @@ def or_on_first_order(
         return result
     kept, _ = confirmed(session, selection)
     closed = session.gap(kept).closed_percent >= VERDICT.nearly_all
-    if kept.selected and closed and not session.far_above_noise(kept):
+    if kept.selected and closed and not session.far_above_noise(kept.final):
         return result
     try:
         offset = session.base.search.level

@@ -1,6 +1,6 @@
 """Long logs: effects are searched on evenly spread pieces of them, and judged on all samples."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -51,17 +51,56 @@ def pieces_of(records: Sequence[Record]) -> tuple[Record, ...]:
 
 
 @dataclass(frozen=True, eq=False)
+class InFull:
+    """Both models on all samples of long logs."""
+
+    gap: Gap
+    traces: tuple[Trace, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
 class Searched:
-    """What effects are searched on.
+    """What effects are searched on: the logs, or pieces of long ones.
 
     Attributes:
-        facts, holdout_facts: of the logs, or of pieces of them; None without validation logs.
-        judged: both models on all samples; None where the search sees them all.
+        facts, holdout_facts: of it; None without validation logs.
+        whole: what judges the models on all samples where pieces are searched: the validation logs,
+            or those that the pieces were taken from. Empty where the search sees all samples.
     """
 
     facts: LogFacts
     holdout_facts: LogFacts | None
-    judged: "Callable[[DiagnosisSession, Selection], InFull] | None"
+    whole: tuple[Record, ...]
+
+    @cached_property
+    def _weights(self) -> tuple[Array, ...]:
+        """0 where a measurement was lost, repeated or searched on, (N, ny) a record."""
+        read = inspect_samples(LogFacts(self.whole)).weights
+        pieces = self.facts.records if self.holdout_facts is None else ()
+        return tuple(w * _outside(r, pieces) for r, w in zip(self.whole, read, strict=True))
+
+    def judged(self, session: DiagnosisSession, selection: Selection) -> InFull:
+        """Free runs of the original and the augmented model over whole logs."""
+        before = _runs(session.base, session.base.model, self.whole)
+        after = before
+        if selection.selected:
+            after = _runs(session.base, selection.final, self.whole)
+        each = tuple(zip(self.whole, before, after, self._weights, strict=True))
+        traces = tuple(
+            Trace(r, a, b, "held-out", np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
+            for r, a, b, w in each
+        )
+        old = [np.where(w > 0.0, r.y - a, np.nan) for r, a, _, w in each]
+        new = [np.where(w > 0.0, r.y - b, np.nan) for r, _, b, w in each]
+        pieces, counted = self.facts.records, int(sum(t.counted.sum() for t in traces))
+        others = "the other" if self.holdout_facts is None else "all"
+        return InFull(
+            session.gap_of(old, new),
+            traces,
+            f"Effects were searched on {sum(map(len, pieces))} samples in {len(pieces)} pieces; "
+            f"held-out errors are of {others} {counted} samples.",
+        )
 
 
 def searched_on(
@@ -76,60 +115,9 @@ def searched_on(
         pieces, judging = tuple(estimation), tuple(holdout or ())
     else:
         pieces, judging = pieces_of(estimation), pieces_of(holdout or ())
-    whole = WholeLogs(tuple(holdout or estimation), pieces, bool(holdout))
     cut = (*pieces, *judging) != (*estimation, *(holdout or ()))
-    judging_facts = LogFacts(judging) if judging else None
-    return Searched(LogFacts(pieces), judging_facts, whole.judged if cut else None)
-
-
-@dataclass(frozen=True, eq=False)
-class InFull:
-    """Both models on all samples of long logs."""
-
-    gap: Gap
-    traces: tuple[Trace, ...]
-    sentence: str
-
-
-@dataclass(frozen=True, eq=False)
-class WholeLogs:
-    """The logs that pieces were taken from, or the validation logs.
-
-    Attributes:
-        apart: whether these are validation logs, of which every sample counts.
-    """
-
-    records: tuple[Record, ...]
-    pieces: tuple[Record, ...]
-    apart: bool
-
-    @cached_property
-    def weights(self) -> tuple[Array, ...]:
-        """0 where a measurement was lost, repeated or searched on, (N, ny) a record."""
-        read = inspect_samples(LogFacts(self.records)).weights
-        pieces = () if self.apart else self.pieces
-        return tuple(w * _outside(r, pieces) for r, w in zip(self.records, read, strict=True))
-
-    def judged(self, session: DiagnosisSession, selection: Selection) -> InFull:
-        """Free runs of the original and the augmented model over whole logs."""
-        before = _runs(session.base, session.base.model, self.records)
-        after = before
-        if selection.selected:
-            after = _runs(session.base, selection.final, self.records)
-        each = tuple(zip(self.records, before, after, self.weights, strict=True))
-        traces = tuple(
-            Trace(r, a, b, "held-out", np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, a, b, w in each
-        )
-        old = [np.where(w > 0.0, r.y - a, np.nan) for r, a, _, w in each]
-        new = [np.where(w > 0.0, r.y - b, np.nan) for r, _, b, w in each]
-        searched, counted = sum(map(len, self.pieces)), int(sum(t.counted.sum() for t in traces))
-        return InFull(
-            session.gap_of(old, new),
-            traces,
-            f"Effects were searched on {searched} samples in {len(self.pieces)} pieces; held-out "
-            f"errors are of {'all' if self.apart else 'the other'} {counted} samples.",
-        )
+    whole = tuple(holdout or estimation) if cut else ()
+    return Searched(LogFacts(pieces), LogFacts(judging) if judging else None, whole)
 
 
 def _outside(record: Record, pieces: Sequence[Record]) -> Array:

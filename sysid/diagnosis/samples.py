@@ -9,7 +9,7 @@ Dropouts: measurements that jump to exactly zero and back, or that repeat exactl
 changes. They are masked. Standstill, a reversal and a clipped sensor are no dropouts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -130,7 +130,6 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
     coarse, lost, stale = list[Coarse](), list[Lost](), list[Stale]()
     total = sum(len(r) for r in records)
     slow, few_ways = facts.refreshes, _on_few_ways(records)
-    dead = [_latest(facts, output) for output in records[0].output_names]
     ends = np.cumsum([len(r) for r in records])[:-1]
     for i, name in enumerate(records[0].output_names):
         y, step, refresh = np.concatenate([r.y[:, i] for r in records]), facts.steps[i], slow[i]
@@ -141,7 +140,8 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
             seconds = refresh.period * records[0].dt
             stale.append(Stale(name, refresh.period, seconds, phase, refresh.repeated))
         for holds in (False, True) if refresh is None else ():
-            asked = partial(_bursts, i=i, step=step, holds=holds, late=dead[i])
+            late = partial(_latest, facts, name)
+            asked = partial(_bursts, i=i, step=step, holds=holds, late=late)
             sure = np.concatenate([asked(r, strict=True) for r in records])
             if _count(sure) < max(MIN_BURSTS, MIN_BURST_SHARE * total):
                 continue
@@ -222,11 +222,14 @@ def _latest(facts: LogFacts, output: str) -> int:
     return max((max(d.high, 1) - 1 for d in pairs), default=0)
 
 
-def _bursts(record: Record, i: int, step: float, holds: bool, late: int, strict: bool) -> Mask:
+def _bursts(
+    record: Record, i: int, step: float, holds: bool, late: Callable[[], int], strict: bool
+) -> Mask:
     """Samples of one output that were lost.
 
     Args:
-        late: samples that a command may take beyond the first until it shows.
+        late: samples that a command may take beyond the first until it shows; asked only where a
+            reading held while it may have moved, for the delays of a log take time.
         strict: only bursts that can hardly be anything else; else what is likely a lost reading
             once it is known that measurements do get lost.
     """
@@ -269,7 +272,9 @@ def _repeats_by_chance(y: Array) -> bool:
     return float(np.sum(asked & (change == 0.0))) <= 3.0 * near + 5.0
 
 
-def _moved_before(record: Record, i: int, k: int, stop: int, dead: int, least: float) -> bool:
+def _moved_before(
+    record: Record, i: int, k: int, stop: int, late: Callable[[], int], least: float
+) -> bool:
     """Whether the speed must have moved while it was read as constant from k to stop − 1.
 
     It was moving the same way before, or the command had changed early enough to show by then.
@@ -279,8 +284,9 @@ def _moved_before(record: Record, i: int, k: int, stop: int, dead: int, least: f
     moving = float(y[k - 1] - y[k - 2])
     if moving * jump > 0.0 and abs(moving) > 0.5 * least:
         return True
+    dead = late()
     if k - 2 < dead:
         return False
-    late = float(np.max(np.abs(np.diff(u[stop - 2 - dead : stop]))))
+    changed = float(np.max(np.abs(np.diff(u[stop - 2 - dead : stop]))))
     early = float(np.max(np.abs(np.diff(u[k - 2 - dead : stop - 1 - dead])), initial=0.0))
-    return early > 0.1 * float(np.max(np.abs(u))) and late < 0.2 * early
+    return early > 0.1 * float(np.max(np.abs(u))) and changed < 0.2 * early

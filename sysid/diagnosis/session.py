@@ -56,7 +56,7 @@ class DiagnosisSession:
     @cached_property
     def before(self) -> ResidualStructure | None:
         """What the errors of the base depend on."""
-        return self.residual_structure(self.nothing, after=False)
+        return self.residual_structure(self.base.model)
 
     @property
     def needs_explanation(self) -> bool:
@@ -71,11 +71,11 @@ class DiagnosisSession:
         """
         if self.needs_explanation:
             return self.base.search.needed
-        return RULE.in_loop if self.far_above_noise(self.nothing) else 0.0
+        return RULE.in_loop if self.far_above_noise(self.base.model) else 0.0
 
-    def far_above_noise(self, selection: Selection) -> bool:
-        """Whether the held-out errors of the augmented model are far above the noise."""
-        now = selection.final.errors.mean_squares()[1]
+    def far_above_noise(self, candidate: CandidateModel) -> bool:
+        """Whether the held-out errors of a model are far above the noise."""
+        now = candidate.errors.mean_squares()[1]
         return bool(np.any(np.sqrt(now) > VERDICT.residual_to_noise * self.noise.high))
 
     def searched(self, effects: Sequence[Effect], say: Progress) -> "SelectionResult":
@@ -89,7 +89,7 @@ class DiagnosisSession:
                 self.base.model,
                 effects,
                 lambda text, share: say(text, 0.06 + 0.46 * share),
-                lambda candidate: self.remains(replace(self.nothing, final=candidate)),
+                self.remains,
                 needed,
             )
         return self._apart(selection)
@@ -105,9 +105,9 @@ class DiagnosisSession:
             replace(self, base=base), moved_to_base(selection, SAMPLING.id, base.model)
         )
 
-    def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
-        """What the errors on the held-out data still depend on; None with too few samples."""
-        base, candidate = self.base, selection.final if after else selection.base
+    def residual_structure(self, candidate: CandidateModel) -> ResidualStructure | None:
+        """What errors on the held-out data still depend on; None with too few samples."""
+        base = self.base
         records, errors = base.parts.holdout, candidate.errors.holdout
         if sum(map(len, errors)) < MIN_SAMPLES:
             return None
@@ -118,23 +118,23 @@ class DiagnosisSession:
         except DataError:
             return None
 
-    def remains(self, selection: Selection) -> float:
+    def remains(self, candidate: CandidateModel) -> float:
         """What one more effect must bring the held-out error below; 0 where nothing is left.
 
         Errors far above the noise that seem to depend on nothing may be a disturbance, or structure
         that commands of few frequencies hide from the test: then the effect must do more. Where
         something is missing for sure, errors need not be far above the noise to ask for more.
         """
-        (_, old), (_, new) = (n.errors.mean_squares() for n in (selection.base, selection.final))
+        old, new = (n.errors.mean_squares()[1] for n in (self.base.model, candidate))
         noise = VERDICT.residual_power_to_noise * self.floor**2
         # a small share of a large gap may be far above the noise: an effect beside a large one
         minor = 0.01 * VERDICT.min_share * np.maximum(old - self.floor**2, noise)
         if np.all(new - self.floor**2 < np.minimum(minor, noise)):
             return 0.0
-        structure = self.residual_structure(selection, after=True)
+        structure = self.residual_structure(candidate)
         if structure is None or structured(structure):
             return self.base.search.needed
-        later = bool(selection.final.effects)
+        later = bool(candidate.effects)
         above = VERDICT.residual_to_noise_later if later else VERDICT.residual_to_noise
         return RULE.in_loop if np.any(np.sqrt(new) > above * self.noise.high) else 0.0
 
@@ -187,7 +187,8 @@ class DiagnosisSession:
         by_name = {o.output: o.share for o in left.outputs}
         names = self.base.parts.holdout[0].output_names
         shapes = [s for s in self.shapes(candidate) if not self.running_away[s.index]]
-        return proven(shapes, [by_name.get(name, 0.0) for name in names])
+        of_signals = [by_name.get(name, 0.0) for name in names]
+        return proven(shapes, of_signals, self.base.parts.facts.drifts.tolist())
 
     @cached_property
     def running_away(self) -> NDArray[np.bool_]:
@@ -195,12 +196,10 @@ class DiagnosisSession:
         alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
         return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
 
-    def explains_more(
-        self, selection: Selection, candidate: CandidateModel, below: float = RULE.held_out
-    ) -> bool:
-        """Whether the held-out error of the augmented model is ``below`` that of another."""
+    def explains_more(self, selection: Selection, candidate: CandidateModel) -> bool:
+        """Whether the held-out error of the augmented model is clearly below that of another."""
         old, new = (n.errors.mean_squares()[1] for n in (candidate, selection.final))
-        return bool(selection.selected) and float(np.sqrt(np.mean(new / old))) < below
+        return bool(selection.selected) and float(np.sqrt(np.mean(new / old))) < RULE.held_out
 
 
 def noise_of(base: Base) -> NoiseFloor:

@@ -65,6 +65,8 @@ class Length(Enum):
 class Context:
     """What an effect may look at besides the signal it changes; arrays have one entry a track.
 
+    What is not given is nothing: effects of a place look at a part of it only.
+
     Attributes:
         dt: sample time [s].
         t: time since the start of the record [s].
@@ -84,16 +86,16 @@ class Context:
     """
 
     dt: float
-    t: Signal
-    w: Signal
-    w_free: Signal
-    b: Signal
-    torque: Signal
-    torque_other: Signal
-    drive: Signal
-    turned: Signal
-    counted: Signal
-    holds: Signal
+    t: Signal = 0.0
+    w: Signal = 0.0
+    w_free: Signal = 0.0
+    b: Signal = 0.0
+    torque: Signal = 0.0
+    torque_other: Signal = 0.0
+    drive: Signal = 0.0
+    turned: Signal = 0.0
+    counted: Signal = 0.0
+    holds: Signal = 0.0
     gain: Signal = 1.0
     log: Signal = 0.0
     driven: Signal = 0.0

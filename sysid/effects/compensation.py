@@ -102,20 +102,14 @@ class Identified:
 
     def _context(self, torque: Signal, speed: Signal, t: Signal, xp: Any) -> Context:
         """What an inverse may look at: time, speeds and torques."""
-        none = 0.0 * speed
-        other = torque[..., ::-1] if torque.shape[-1] > 1 else none
+        other = torque[..., ::-1] if torque.shape[-1] > 1 else 0.0 * speed
         return Context(
             dt=0.0,
             t=t,
             w=speed,
-            w_free=none,
-            b=none,
             torque=torque,
             torque_other=other,
             drive=torque / self.gain,
-            turned=none,
-            counted=none,
-            holds=none,
             gain=self.gain,
             driven=torque,
         )

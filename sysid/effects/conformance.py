@@ -61,7 +61,6 @@ def _instant(effect: Effect, rng: np.random.Generator) -> tuple[Signal, Context,
         t=np.float64(3.0),
         b=np.full(2, 1.0 - KEPT),
         torque_other=signals["torque"][::-1],
-        holds=np.zeros(2),
         driven=signals["torque"],
         **signals,
     )

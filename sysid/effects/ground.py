@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -11,9 +11,6 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.effects.base import Context, Effect, Place, State
 from sysid.errors import UsageError
-
-_CONTEXT = Context(*((0.0,) * len(fields(Context))))
-"""Vehicle effects look at the speeds and at the time between samples alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +85,7 @@ class Ground:
             elif e.memory.states:
                 omega = _one_by_one(e, omega, parameters, dt)
             else:
-                omega, _ = e.step(omega.__array_namespace__(), omega, (), parameters, _CONTEXT)
+                omega, _ = e.step(omega.__array_namespace__(), omega, (), parameters, Context(dt))
         return omega
 
     def lateral(self, forward: Any, yaw_rate: Any, xp: Any = np) -> Any:
@@ -126,7 +123,7 @@ class Ground:
         plain = isinstance(omega[0], float | np.floating)
         xp: Any = np if plain else omega[0].__array_namespace__()
         now, after = xp.stack([xp.asarray(w) for w in omega]), []
-        context = replace(_CONTEXT, dt=dt)
+        context = Context(dt)
         for e, last in zip(self._acting, state, strict=True):
             now, state_of_effect = _stepped(e, xp, now, last, self.parameters[e.id], context)
             after.append(state_of_effect)
@@ -157,7 +154,7 @@ def _stepped(
 def _one_by_one(e: Effect, omega: Array, parameters: Mapping[str, Array], dt: float) -> Array:
     """An effect on a record, sample after sample."""
     state: State = (omega[0],) * e.memory.states
-    out, context = np.empty_like(omega), replace(_CONTEXT, dt=dt)
+    out, context = np.empty_like(omega), Context(dt)
     for k, now in enumerate(omega):
         out[k], state = _stepped(e, np, now, state, parameters, context)
     return out

@@ -31,6 +31,8 @@ class Damping:
         most: a fit is over beyond: steps have become too short to matter.
         loose: a step that gains little ends a fit below this damping only; a stiff one may just be
             short.
+        alike: whether all numbers are damped alike (Levenberg 1944), by the largest diagonal entry:
+            numbers in sizes of their own, of which those that are hardly felt shall stay.
     """
 
     first: float = 1e-3
@@ -39,6 +41,7 @@ class Damping:
     least: float = 1e-12
     most: float = 1e8
     loose: float = np.inf
+    alike: bool = False
 
 
 class Trial(Protocol):
@@ -91,7 +94,7 @@ def descend_together(
         if not len(at):
             break
         outward = ((theta <= lower) & (g < 0.0)) | ((theta >= upper) & (g > 0.0))
-        step = damped_steps(A[at], g[at], (free & ~outward)[at], damping[at])
+        step = damped_steps(A[at], g[at], (free & ~outward)[at], damping[at], rule.alike)
         trial = theta.copy()
         trial[at] = np.clip(theta[at] + step, lower[at], upper[at])
         tried = run(trial, at)
@@ -143,9 +146,14 @@ def descend_alone(run: Run, start: Array, rounds: int, gain: float) -> Array:
     return np.asarray(solution[0])
 
 
-def damped_steps(A: Array, g: Array, free: Mask, damping: Array) -> Array:
-    """(A + λ diag A)⁻¹ g of each fit over its free numbers, zero elsewhere, (fits, n)."""
-    diagonal = np.einsum("gkk->gk", A)
+def damped_steps(A: Array, g: Array, free: Mask, damping: Array, alike: bool = False) -> Array:
+    """(A + λ D)⁻¹ g of each fit over its free numbers, zero elsewhere, (fits, n).
+
+    D is diag A, or its largest entry for every number where they are damped ``alike``.
+    """
+    diagonal = np.where(free, np.einsum("gkk->gk", A), 0.0)
+    if alike:
+        diagonal = np.broadcast_to(diagonal.max(axis=1, keepdims=True), diagonal.shape)
     norms = np.sqrt(np.where(free & (diagonal > 0.0), diagonal, 1.0))
     both = free[:, :, None] & free[:, None, :]
     scaled = np.where(both, A / (norms[:, :, None] * norms[:, None, :]), 0.0)

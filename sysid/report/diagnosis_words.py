@@ -357,10 +357,12 @@ def nothing_named(result: Diagnosis) -> str:
 
 def evidence_sentence(effect: NamedEffect) -> str:
     """What an effect is worth, and why it was accepted."""
-    if effect.id in OF_THE_LOG:
+    evidence = effect.evidence
+    if evidence is None:
         return "Visible in the samples themselves; the model is unchanged."
-    chance = p_words(effect.p_value) if effect.p_value < RULE.p else "too few blocks for a test"
-    return f"{effect.fit_words} ΔBIC {_whole(effect.delta_bic)}, {chance}.".lstrip()
+    p = evidence.p_value
+    chance = p_words(p) if p < RULE.p else "too few blocks for a test"
+    return f"{effect.fit_words} ΔBIC {_whole(evidence.delta_bic)}, {chance}.".lstrip()
 
 
 def plain_sentence(effect: NamedEffect) -> str:

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from sysid_datasets.hidden_logs import NOISE, TYPICAL_SPEED, Request, hide
 
 from sysid.data.record import Channel, Record
+from sysid.diagnosis.findings import sample_effects
 from sysid.diagnosis.samples import blurred_step, inspect_samples, smallest_named, with_steps_of
 
 
@@ -53,6 +54,16 @@ def test_the_step_is_measured() -> None:
     found = inspect_samples([coarse]).coarse
     assert [c.output for c in found] == ["y1", "y2"]
     assert [c.step for c in found] == pytest.approx([0.8, 0.8], rel=1e-6)
+
+
+def test_what_is_read_off_the_samples_has_no_evidence_that_was_never_computed() -> None:
+    record = logs((), 3)
+    coarse = Record(u=record.u, y=0.8 * np.round(record.y / 0.8), dt=0.05)
+    (named,) = sample_effects(inspect_samples([coarse]))
+    stored = named.to_json()
+    assert stored["id"] == "quantisation"
+    assert stored["evidence"] is None
+    assert stored["error_ratio_without"] is None
 
 
 def test_a_fine_converter_does_not_matter() -> None:

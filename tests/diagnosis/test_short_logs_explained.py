@@ -11,7 +11,9 @@ from scipy.signal import lfilter
 from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.diagnosis import NamedEffect
 from sysid.diagnosis.gap import ChannelGap, Gap
+from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.validation.error_tests import f_test
 from sysid.diagnosis.validation.model_error import ResidualStructure
 from sysid.diagnosis.verdict import LONG_ENOUGH, Remaining, story
@@ -87,7 +89,8 @@ def test_sixty_rows_say_nothing_of_an_effect_but_that_they_are_few(held: int) ->
 
 
 def test_a_test_of_few_blocks_is_no_evidence() -> None:
-    effect: Any = SimpleNamespace(id="backlash", fit_words="", delta_bic=-70.0, p_value=0.34)
+    evidence = Evidence(-70.0, 1.0, 1.0, 0.5, 0.34)
+    effect = NamedEffect("backlash", "motor", (), (), evidence, (), "")
     assert "0.34" not in evidence_sentence(effect)
 
 

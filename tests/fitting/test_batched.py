@@ -7,7 +7,13 @@ import pytest
 from scipy.optimize import least_squares
 
 from sysid.data.record import Array, Index
-from sysid.fitting.batched import Damping, OneTrial, descend_alone, descend_together
+from sysid.fitting.batched import (
+    Damping,
+    OneTrial,
+    damped_steps,
+    descend_alone,
+    descend_together,
+)
 
 T = np.linspace(0.0, 4.0, 30)
 TRUTH = np.array([[2.0, 0.8], [-1.0, 0.3], [0.5, 1.5]])
@@ -81,3 +87,12 @@ def test_a_run_that_fails_is_stepped_back_from() -> None:
     found = descend_alone(root, np.array([4.0]), 60, 1e-14)
     assert found[0] == pytest.approx(0.01, rel=1e-6)
     assert descend_alone(root, np.zeros(1), 60, 1e-14)[0] == 0.0
+
+
+def test_numbers_damped_alike_stay_where_they_are_hardly_felt() -> None:
+    A, g = np.diag([1.0, 1e-8])[None], np.array([[1.0, 1e-4]])
+    free, damping = np.ones((1, 2), dtype=bool), np.array([1e-3])
+    by_slopes = damped_steps(A, g, free, damping)[0]
+    alike = damped_steps(A, g, free, damping, alike=True)[0]
+    assert by_slopes == pytest.approx([1.0 / 1.001, 1e4 / 1.001])
+    assert alike == pytest.approx([1.0 / 1.001, 1e-4 / (1e-3 + 1e-8)])

@@ -3,8 +3,10 @@
 Over a block from t₁ to t₂, where ū and ȳ are the means in it and ū₋ is that of the block before,
 and with blocks at an end stop left out,
 
-    y(t₂) − y(t₁) = bᵀ ū + b₋ᵀ ū₋ − ȳ / τ + c.
+    y(t₂) − y(t₁) = bᵀ ū + b₋ᵀ ū₋ + rᵀ s̄ + r₋ᵀ s̄₋ − ȳ / τ + c,    s = sign u,
 
+where r is what dry friction takes of an input of both signs: in a loop it would look like a pull of
+the level.
 Unused columns that act on the output, such as the weather, stand beside u: their level hides the
 pull of its own. An output integrates where its inputs explain its changes and its level does not
 pull it back: 1/τ is not above zero beyond chance, and τ is longer than what the log can show.
@@ -30,7 +32,11 @@ PULLED = -3.0
 """Value of Student's t from which down the level pulls the output back."""
 
 FOREVER = 0.3
-"""A time constant longer than this share of the records is an integrator's."""
+"""A time constant longer than this share of the records is an integrator's; of what its unit says
+is a position, any that the records do not show."""
+
+GROUPS = 20
+"""Stretches of a log whose errors are taken as independent of each other."""
 
 FOLLOWS = 0.5
 """An output of which the inputs of the same time explain more than this share follows them."""
@@ -74,7 +80,8 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     every = max(1, sum(map(len, records)) // BLOCKS)
     y = np.concatenate([r.y[:, j] for r in records])
     low, width = float(y.min()), float(np.ptp(y))
-    means = np.concatenate([r.u for r in records]).mean(axis=0)
+    u = np.concatenate([r.u for r in records])
+    means, both = u.mean(axis=0), (u.min(axis=0) < 0.0) & (u.max(axis=0) > 0.0)
     nu = records[0].nu
     acting = acting_columns(records, j, every)
     rows, changes, ends = [], [], []
@@ -83,11 +90,13 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         if n < 4:
             continue
         of_u = block_means(r.u[: n * every] - means, every)
+        of_way = block_means(np.sign(r.u[: n * every]) * both, every)
         level = block_means(r.y[: n * every], every)[:, j]
         step = np.diff(r.y[: n * every + 1 : every, j])
         columns = np.empty((len(r), 0)) if r.unused is None else r.unused[:, acting]
         of_c = block_means(columns[: n * every], every)
-        rows.append(np.column_stack([of_u[1:], of_u[:-1], of_c[1:], level[1:], np.ones(n - 1)]))
+        ways = (of_way[1:], of_way[:-1], of_c[1:])
+        rows.append(np.column_stack([of_u[1:], of_u[:-1], *ways, level[1:], np.ones(n - 1)]))
         changes.append(step[1:])
         side = (level[1:] - low) / max(width, 1e-300)
         ends.append((side >= 1.0 - END).astype(float) - (side <= END))
@@ -98,17 +107,15 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     if len(d) < 40:
         return None
     theta, rest = least_squares(X, d)
-    left, without = float(rest @ rest), _left(X[:, 2 * nu :], d)
+    left, without = float(rest @ rest), _left(X[:, 4 * nu :], d)
     now = np.column_stack([X[:, : 2 * nu], X[:, -1:]])
     follows = 1.0 - _left(now, X[:, -2]) / float(np.sum((X[:, -2] - X[:, -2].mean()) ** 2))
     pull = float(theta[-2])
     if without - left < DRIVEN * without or left <= 0.0 or follows > FOLLOWS:
         return None
-    unit = X / lengths(X)
-    spread = max(float(np.linalg.pinv(unit.T @ unit)[-2, -2]), 0.0)
-    error = np.sqrt(spread * left / max(len(d) - X.shape[1], 1)) / lengths(X)[-2]
     length = sum(len(r) for r in records) / every
-    if pull < PULLED * error or -pull * FOREVER * length > 1.0:
+    known = records[0].outputs[j].unit in POSITIONS
+    if pull < PULLED * _pull_error(X, rest) or (-pull * FOREVER * length > 1.0 and not known):
         return None
     total = theta[:nu] + theta[nu : 2 * nu]
     i = int(np.argmax(np.abs(total * X[:, :nu].std(axis=0))))
@@ -116,6 +123,20 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     pushed = free * end > 0.5 * float(np.std(free))
     stopped = pushed & (every_d * end < 0.5 * np.abs(free))
     return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
+
+
+def _pull_error(X: Array, rest: Array) -> float:
+    """Standard error of the pull, also where the errors of neighbouring blocks are alike.
+
+    What dry friction takes from an axis is alike as long as it stands. With s_k the sum of xᵢ eᵢ
+    over the k-th of ``GROUPS`` stretches: (XᵀX)⁻¹ Σ s_k s_kᵀ (XᵀX)⁻¹ (Liang & Zeger 1986).
+    """
+    size = lengths(X)
+    unit = X / size
+    ends = np.linspace(0, len(X), GROUPS + 1).astype(int)[:-1]
+    sums = np.add.reduceat(unit * rest[:, None], ends, axis=0)
+    pulls = sums @ np.linalg.pinv(unit.T @ unit)[-2] / size[-2]
+    return float(np.sqrt(GROUPS / (GROUPS - 1) * (pulls @ pulls)))
 
 
 def counts_that_integrate(

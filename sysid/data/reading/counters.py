@@ -67,12 +67,6 @@ class Counted:
     resets: tuple[int, ...] = ()
 
 
-def unwrapped(y: Array, period: float) -> Array:
-    """y (N,) with every step taken as the nearest one: Δ = d − M·round(d/M)."""
-    turns = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(y) / period))])
-    return np.asarray(y - period * turns)
-
-
 def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
     """A column with the wraps and resets that it shows undone.
 
@@ -95,7 +89,7 @@ def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
     for m in admitted:
         n = _wraps(y, m)
         if n:
-            return Counted(unwrapped(y, m), m, n)
+            return Counted(np.unwrap(y, period=m), m, n)
     return _without_resets(y) if whole else Counted(y)
 
 
@@ -105,10 +99,10 @@ def _wraps(y: Array, period: float) -> int:
     jumps = np.flatnonzero(np.abs(d) > 0.5 * period)
     if not len(jumps) or len(jumps) > 0.5 * len(d):
         return 0
-    step = np.diff(unwrapped(y, period))
+    step = np.diff(np.unwrap(y, period=period))
     if np.max(np.abs(step)) > FASTEST * period:
         return 0
-    if np.ptp(unwrapped(y, period)) < TRAVEL * float(np.quantile(np.abs(step), 0.99)):
+    if np.ptp(np.unwrap(y, period=period)) < TRAVEL * float(np.quantile(np.abs(step), 0.99)):
         return 0
     change = np.abs(np.diff(step))
     at = np.zeros(len(change) + 1, dtype=bool)
@@ -277,7 +271,7 @@ def _forced(y: Array, period: float, name: str, where: str, named: bool) -> Coun
             f"{period:g} cannot; give the period in the file's own unit"
         )
     n = int(np.count_nonzero(np.abs(np.diff(y)) > 0.5 * period))
-    return Counted(unwrapped(y, period), period, n)
+    return Counted(np.unwrap(y, period=period), period, n)
 
 
 def _real(name: str) -> str:

@@ -243,7 +243,7 @@ def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
 
 
 def _named(step: Step, final: Fitted) -> NamedEffect:
-    c, e = step.candidate, step.evidence
+    c = step.candidate
     side = every_slot()[c.slots[0]].side
     tag = "" if side < 0 else ("[left]", "[right]")[side]
     units = {p.name: p.unit.replace("speed", "rad/s") for p in effect(c.id).parameters}
@@ -256,9 +256,7 @@ def _named(step: Step, final: Fitted) -> NamedEffect:
         stage=_STAGE,
         channels=CHANNELS,
         parameters=values,
-        delta_bic=e.delta_bic,
-        p_value=e.p_value,
-        heldout_gain=1.0 - e.ratio,
+        evidence=step.evidence,
         indistinguishable=tuple(dict.fromkeys(t.id for t in step.ties if t.id)),
         sentence=sentence_of(c, values[0].value, values[0].std_error or 0.0, side),
     )

@@ -16,8 +16,8 @@ from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.admission import sampled
 from sysid.diagnosis.search.evidence import Evidence
+from sysid.diagnosis.search.full_model import NO_LIMIT
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
-from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.effects.catalogue import CHANGED

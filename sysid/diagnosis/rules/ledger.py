@@ -18,7 +18,7 @@ Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
 
 def final_model(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
     """The accepted effect that no longer holds in the final model."""
-    tested = session.residual_structure(selection, after=True) is not None
+    tested = session.residual_structure(selection.final) is not None
     return weakest(session.base, selection, tested)
 
 

@@ -29,7 +29,7 @@ def outside_catalogue(session: DiagnosisSession, selection: Selection) -> Reject
 
 def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
     """The last effect where errors remain that the command predicts, and much of the gap."""
-    structure = session.residual_structure(selection, after=True)
+    structure = session.residual_structure(selection.final)
     if not structured(structure) or session.gap(selection).closed_percent >= VERDICT.nearly_all:
         return None
     last = min(selection.selected, key=lambda n: -n.evidence.delta_bic)

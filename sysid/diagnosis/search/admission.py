@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import difference
-from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.parameter_table import ModelParameter
+from sysid.diagnosis.search.full_model import FullModel, ModelParameter
 from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Place, StartsFrom

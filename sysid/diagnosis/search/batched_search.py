@@ -137,7 +137,7 @@ class _Fits:
         self.start = q[self.item_of[:, None], self.index]
 
     def rows(self, theta: Array) -> Array:
-        """ParameterTable of all items, (batch, parameters)."""
+        """Parameters of all items, (batch, parameters)."""
         q = self.q.copy()
         for (k, parameters, _), values in zip(self.groups, theta, strict=True):
             q[k, list(parameters)] = values[: len(parameters)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
-from sysid.diagnosis.policies import BUDGET, RULE
+from sysid.diagnosis.policies import BUDGET, ENDLESS, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
 from sysid.diagnosis.search.batched_search import best_tracks, search, slopes
 from sysid.diagnosis.search.evidence import (
@@ -23,7 +23,6 @@ from sysid.diagnosis.search.evidence import (
 )
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.lags import exchanged, lags_of
-from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, logs_of, prepare
 from sysid.diagnosis.search.refinement import between_levels, edges_of, refined
 from sysid.diagnosis.search.screen import screened
@@ -121,8 +120,10 @@ class CandidateSearch:
         return data.split(slopes(self.model, at.q, at.free, data))
 
     def _errors(self, q: Array, data: Data) -> tuple[Array, ...]:
-        run = self.model.run(q, data)[0]
-        return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
+        """Errors of a run, NaN where a sample does not count, infinite where it has no end."""
+        errors = data.y - self.model.run(q, data)[0]
+        errors = np.where(np.abs(errors) < ENDLESS, errors, np.inf)
+        return data.split(np.where(data.weight > 0.0, errors, np.nan))
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
         """Parameters with the held-out logs' own values: the phase of a wave, gains and loads."""
@@ -316,9 +317,6 @@ class CandidateSearch:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
 
-    def _parameters_of(self, e: Effect) -> list[tuple[int, ModelParameter]]:
-        return [(i, self.model.parameters[i]) for i in self.model.of(e.id)]
-
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
         if e.shared or e.couples:
@@ -383,9 +381,8 @@ class CandidateSearch:
         """
         without = np.repeat(q[None], self.model.tracks, axis=0)
         for i, row in enumerate(without):
-            for k, parameter in self._parameters_of(e):
-                if parameter.track == i:
-                    row[k] = before.q[k]
+            own = [k for k in self.model.of(e.id) if self.model.parameters[k].track == i]
+            row[own] = before.q[own]
         counts = np.maximum(np.sum(self.data.weight > 0.0, axis=0), 1)
         squares = self.data.squared_error(self.model.run(without, self.data)) / counts
         return np.asarray(least < RULE.own_part * np.diag(squares))
@@ -397,13 +394,8 @@ class CandidateSearch:
 
     def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The likeliest of several sets against the base; the first of equals."""
-        scores = self.totals(base, models)
-        return models[int(np.argmax(scores))]
-
-    def totals(self, base: CandidateModel, models: Sequence[CandidateModel]) -> list[float]:
-        """Scores of whole sets against the base, with one effective sample size for all."""
         samples = common_samples(models)
-        return [self.likelihood(base, n, samples) for n in models]
+        return models[int(np.argmax([self.likelihood(base, n, samples) for n in models]))]
 
     def evidence(
         self,

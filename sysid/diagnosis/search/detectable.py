@@ -10,7 +10,6 @@ records. Of an effect's other parameters the least favourable count.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from sysid.diagnosis.policies import ENDLESS
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples, needed_power
 from sysid.diagnosis.search.forward_selection import ForwardSelection
-from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
+from sysid.diagnosis.search.full_model import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.sensor import MOST_SAMPLED
@@ -29,21 +28,6 @@ SIZES = 2.2 ** -np.arange(8.0)
 
 WIDE = 20.0
 """Limits whose bounds are further apart than this factor are tried on a logarithmic scale."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Noise:
-    """What a change is compared with.
-
-    Attributes:
-        weight: one over the RMS error of each output, (ny,).
-        square: ‖e‖² in these units, of estimation and held-out records.
-        effective: effective number of samples of the estimation records, over all outputs.
-    """
-
-    weight: Array
-    square: tuple[float, float]
-    effective: float
 
 
 def detectable(
@@ -66,16 +50,19 @@ def detectable(
     ]
     if not effects:
         return smallest
-    noise, steep = _noise(model), _steepest(search, model)
+    weight = 1.0 / np.maximum(np.sqrt(model.errors.mean_squares()[0]), 1e-300)
+    parts = (model.errors.estimation, model.errors.holdout)
+    noise = [float(np.nansum((np.concatenate(part) * weight) ** 2)) for part in parts]
+    effective = float(np.min(effective_samples(model.errors.estimation))) * len(weight)
+    least_ratio, steep = 1.0 / search.needed**2 - 1.0, _steepest(search, model)
     ways = [(e, start) for e in effects for start in _ways(search, e)]
     batch = np.array([_with(search, model.q, *way, float(s), steep) for way in ways for s in SIZES])
-    squares = _unexplained(search, model, batch, noise).reshape(2, len(ways), len(SIZES))
+    squares = _unexplained(search, model, batch, weight).reshape(2, len(ways), len(SIZES))
     for e in effects:
         ways_of_effect = [k for k, (other, _) in enumerate(ways) if other is e]
-        needed = [
-            _needed(noise, len(search.model.of(e.id)), search.needed, part) for part in (0, 1)
-        ]
-        shares = np.min(squares[:, ways_of_effect] / np.array(needed)[:, None, None], axis=0)
+        asked = needed_power(len(search.model.of(e.id)), effective, search.needed), least_ratio
+        needed = np.array([ratio * square for ratio, square in zip(asked, noise, strict=True)])
+        shares = np.min(squares[:, ways_of_effect] / needed[:, None, None], axis=0)
         smallest[e.id] = None
         severities = [v for v in map(_smallest, shares) if v is not None]
         if len(severities) == len(ways_of_effect):
@@ -101,30 +88,19 @@ def _ways(search: ForwardSelection, e: Effect) -> Sequence[Mapping[int, float]]:
     return list({tuple(s[k] for k in others): s for s in reversed(same)}.values())[::-1]
 
 
-def _noise(model: CandidateModel) -> _Noise:
-    weight = 1.0 / np.maximum(np.sqrt(model.errors.mean_squares()[0]), 1e-300)
-    parts = (model.errors.estimation, model.errors.holdout)
-    first, second = (float(np.nansum((np.concatenate(p) * weight) ** 2)) for p in parts)
-    effective = float(np.min(effective_samples(model.errors.estimation))) * len(weight)
-    return _Noise(weight, (first, second), effective)
-
-
-def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
-    """‖Δ⊥‖² that the rule asks for on estimation (0) or held-out (1) records."""
-    if part == 1:
-        return (1.0 / below**2 - 1.0) * noise.square[1]
-    return needed_power(parameters, noise.effective, below) * noise.square[0]
-
-
 def _unexplained(
-    search: ForwardSelection, model: CandidateModel, batch: Array, noise: _Noise
+    search: ForwardSelection, model: CandidateModel, batch: Array, noise_weight: Array
 ) -> Array:
-    """‖Δ⊥‖² of every item on estimation and held-out records, (2, batch)."""
+    """‖Δ⊥‖² of every item on estimation and held-out records, (2, batch).
+
+    Args:
+        noise_weight: one over the RMS error of each output, (ny,).
+    """
     squares = []
     coefficients: Array | None = None
     for holdout in (False, True):
         data = search.holdout_data if holdout else search.data
-        weight = np.sqrt(data.weight) * noise.weight
+        weight = np.sqrt(data.weight) * noise_weight
         J = np.concatenate(search.slopes(model, holdout)) * weight[:, :, None]
         J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
         base = search.model.run(model.q, data)[0]
@@ -154,32 +130,27 @@ def _smallest(share: Array) -> float | None:
     return float(SIZES[k + 1] * (SIZES[k] / SIZES[k + 1]) ** part)
 
 
-def _is_limit(p: EffectParameter) -> bool:
-    return abs(p.null) > NO_LIMIT
-
-
-def _value(null: float, lower: float, upper: float, start: float, severity: float) -> float:
-    """Value of a parameter at a severity of 0 (null, or the loosest limit) to 1 (its bound)."""
-    if abs(null) > NO_LIMIT:
-        if upper > WIDE * lower:
-            tightness = 1.0 + np.log(max(severity, 1e-6)) / -np.log(SIZES[-1])
-            return float(upper * (1.05 * lower / upper) ** float(np.clip(tightness, 0.0, 1.0)))
-        return upper - severity * (upper - 1.05 * lower)
-    bound = upper if start >= null else lower
-    return null + 0.98 * severity * (bound - null)
-
-
 def _steepest(search: ForwardSelection, model: CandidateModel) -> Array:
     """Fastest change of the simulated outputs, (tracks,): a slower fall is a looser freewheel."""
     run = search.model.run(model.q, search.data)[0][: search.data.lengths[0]]
     return np.asarray(np.max(np.abs(np.diff(run, axis=0)), axis=0, initial=0.0) / search.model.dt)
 
 
-def _upper(e: Effect, p: ModelParameter, steepest: Array) -> float:
-    """Loosest value of an effect's size that means anything."""
-    if e.parameters[0].unit == "speed/s" and p.track >= 0:
-        return float(np.clip(steepest[p.track], 2.0 * p.lower, p.upper))
-    return p.upper
+def _is_limit(p: EffectParameter | ModelParameter) -> bool:
+    return abs(p.null) > NO_LIMIT
+
+
+def _value(p: ModelParameter, start: float, severity: float, steepest: Array) -> float:
+    """An effect's size at a severity of 0 (null, or the loosest limit) to 1 (its bound)."""
+    upper, tightest = p.upper, 1.05 * p.lower
+    if p.of.unit == "speed/s" and p.track >= 0:  # the loosest value that means anything
+        upper = float(np.clip(steepest[p.track], 2.0 * p.lower, p.upper))
+    if not _is_limit(p):
+        return p.null + 0.98 * severity * ((upper if start >= p.null else p.lower) - p.null)
+    if upper > WIDE * p.lower:
+        tightness = 1.0 + np.log(max(severity, 1e-6)) / -np.log(SIZES[-1])
+        return float(upper * (tightest / upper) ** float(np.clip(tightness, 0.0, 1.0)))
+    return upper - severity * (upper - tightest)
 
 
 def _with(
@@ -195,8 +166,7 @@ def _with(
     for track in model.sides(e):
         at = model.index[e.id, first.name, track]
         size = model.parameters[at]
-        upper = _upper(e, size, steepest)
-        value = _value(size.null, size.lower, upper, start[at], severity)
+        value = _value(size, start[at], severity, steepest)
         for p in e.parameters:
             k = model.index[e.id, p.name, track]
             other, moved[k] = model.parameters[k], value
@@ -211,11 +181,11 @@ def _with(
 
 def _size(search: ForwardSelection, e: Effect, severity: float, steepest: Array) -> float:
     """The size in the unit of the first parameter."""
-    model, first, values = search.model, e.parameters[0], []
+    model, values = search.model, []
     for track in model.sides(e):
-        at = model.index[e.id, first.name, track]
-        p, start = model.parameters[at], model.starts(e)[0][at]
-        value = _value(p.null, p.lower, _upper(e, p, steepest), start, severity)
-        values.append(value if _is_limit(first) else abs(value - p.null))
+        at = model.index[e.id, e.parameters[0].name, track]
+        p = model.parameters[at]
+        value = _value(p, model.starts(e)[0][at], severity, steepest)
+        values.append(value if _is_limit(p.of) else abs(value - p.null))
     size = float(np.mean(values))
     return max(size, MOST_SAMPLED * model.dt) if e.hints.beyond_sampling else size

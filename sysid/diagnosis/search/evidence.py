@@ -35,6 +35,10 @@ class Evidence:
     p_value: float
     needed: float = RULE.held_out
 
+    def to_json(self) -> dict[str, float]:
+        """{delta_bic, p_value}."""
+        return {"delta_bic": self.delta_bic, "p_value": self.p_value}
+
     @property
     def accepted(self) -> bool:
         """The rule of acceptance that held on real records; see the decision page."""

@@ -20,7 +20,7 @@ from sysid.diagnosis.search.batched_search import search
 from sysid.diagnosis.search.ensemble_sampler import sample_ensemble
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
-from sysid.diagnosis.search.parameter_table import NO_LIMIT
+from sysid.diagnosis.search.full_model import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval
 from sysid.effects.catalogue import about
 from sysid.fitting.profile import LEVEL, NORMAL, End

@@ -9,13 +9,11 @@ import numpy as np
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
-from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.motion_equations import Motion, counted_rows, motion_equation
-from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
+from sysid.diagnosis.search.full_model import NO_LIMIT, FullModel, ModelParameter
+from sysid.diagnosis.search.motion_equations import friction_of_servo, weight_over_angle
 from sysid.diagnosis.search.prepared import Data
-from sysid.diagnosis.search.weight_starts import from_changes
-from sysid.effects.base import NO_LAW, OF_SERVO, Effect, Place, StartsFrom, Wave, is_of_servo
-from sysid.effects.catalogue import CHANGED, LEVEL
+from sysid.effects.base import NO_LAW, Effect, Place, StartsFrom, Wave, is_of_servo
+from sysid.effects.catalogue import CHANGED
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
 PILE_UP = 0.01
@@ -29,12 +27,6 @@ REPEATED = 0.004
 
 SIZES = (0.6, 0.8, 1.0, 1.25, 1.6)
 """An effect is screened at each of its starts and at these multiples of it."""
-
-MOVES = 8.0
-"""Changes of the position over a sample on either side, in its noise, from which it moves."""
-
-SPANS = (1, 2, 3)
-"""Samples over which the direction of the motion is taken; each is a start."""
 
 RANKS = 2
 """Waves over the angle that a search starts from, the strongest first."""
@@ -82,7 +74,7 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
             row[k] = value if p.of.choice else p.within(sized)
         rows.append(row)
     if is_of_servo(e):
-        return [*rows, *_from_motion(model, e, q, data)]
+        return [*rows, *friction_of_servo(model, e, q, data)]
     if e.hints.starts_from is StartsFrom.RAMPS:
         return [*rows, *_from_ramps(model, e, q, data)]
     return rows
@@ -205,52 +197,6 @@ def _ringing(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     return rows
 
 
-def _from_motion(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
-    """Cores and friction with which a servo moves as it was seen to.
-
-    While it moves one way, F(q) y = B(q) u − F(1) (c sign ẏ + l) is linear in all parameters.
-
-    Args:
-        e: friction with a law of servos; its first parameter is c.
-        q: parameters of the model without it, (parameters,).
-    """
-    rows = []
-    for span in SPANS:
-        row = q.copy()
-        for i in range(model.tracks):
-            if (regressed := _regressed(model.order, data, i, span)) is None:
-                break
-            gain, f, level, load = regressed
-            model.set_core(row, i, gain, f)  # what friction takes then holds at once
-            row[model.index[e.id, e.parameters[0].name, i]] = level
-            row[model.index[e.id, OF_SERVO, i]] = 1.0
-            if (bias := (LEVEL.id, LEVEL.parameters[0].name, i)) in model.index:
-                row[model.index[bias]] = load
-        else:
-            rows.append(row)
-    return rows
-
-
-def _regressed(
-    order: int, data: Data, track: int, span: int
-) -> tuple[float, Array, float, float] | None:
-    """Gain, F without its leading 1, c and l of a track; None where it hardly moves."""
-    noise, moving = data.noise[track], []
-    columns = (data.drive[:, track], data.y[:, track], data.weight[:, track])
-    for u, y, weight in zip(*(data.split(x) for x in columns), strict=True):
-        at = np.arange(max(2 * span, order), len(y) - 1)
-        moved, goes_on = y[at] - y[at - 2 * span], y[at + 1] - y[at - span]
-        counts = counted_rows(weight, at, order)
-        at = at[(np.abs(moved) > MOVES * noise) & (goes_on * moved > 0.0) & counts]
-        moving.append(Motion(y, u, at, (np.sign(y[at] - y[at - 2 * span]), np.ones(len(at)))))
-    equation = motion_equation(moving, order)
-    core = None if equation is None else equation.core
-    if core is None:
-        return None
-    gain, f, (level, load) = core
-    return gain, f, max(float(-level), 0.0), float(-load)
-
-
 def _from_pile_up(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """The clip level is where measurements pile up, not what least squares would like it to be."""
     levels = np.array(
@@ -342,7 +288,7 @@ def _from_waves(model: FullModel, e: Effect, q: Array, errors: Array, data: Data
                     for name, value in values.items():
                         row[model.index[e.id, name, i]] = value
             if e.place is Place.TORQUE:
-                regressed = from_changes(model, e, wave, q, data)
+                regressed = weight_over_angle(model, e, wave, q, data)
                 rows += [] if regressed is None else [regressed]
                 for i in range(model.tracks if regressed is not None else 0):
                     for name, value in {wave.of_wheel: of_wheel, **law.choices}.items():

@@ -41,7 +41,7 @@ SEEN = 3.0
 the effect."""
 
 DIFFERENT = 0.01
-"""ParameterTable differ between logs when chance makes as much in fewer cases, over all tested."""
+"""Parameters differ between logs when chance makes as much in fewer cases, over all tested."""
 
 SLIGHT = 0.02
 """A scatter of less than this share of the parameter is no difference that a person acts on: no law

@@ -16,7 +16,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE, SHAPES
 from sysid.diagnosis.search.candidates import CandidateSearch
-from sysid.diagnosis.search.evidence import compare_errors, effective_samples
+from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.shapes.fitted import FittedShape, fitted_shapes
 from sysid.diagnosis.shapes.shape import Curve, ShapePlace
@@ -56,8 +56,7 @@ class FoundShape:
     output: str
     share: float
     numbers: float
-    delta_bic: float
-    p_value: float
+    evidence: Evidence
     sentence: str
     curve: Curve | None
     effect: str = ""
@@ -70,7 +69,7 @@ class FoundShape:
             "output": self.output,
             "share_of_excess": self.share,
             "effective_numbers": self.numbers,
-            "evidence": {"delta_bic": self.delta_bic, "p_value": self.p_value},
+            "evidence": self.evidence.to_json(),
             "sentence": self.sentence,
             "curve": self.curve,
             "effect": self.effect,
@@ -84,18 +83,22 @@ def shapes_around(
     return fitted_shapes(tracks_of(search, candidate), floor, moves)
 
 
-def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[FoundShape, ...]:
+def proven(
+    fitted: Sequence[FittedShape], of_signals: Sequence[float], drifts: Sequence[float]
+) -> tuple[FoundShape, ...]:
     """The best proven shape of each track; of equals the one with fewest numbers.
 
     Args:
         of_signals: share of each track's excess error that commands and outputs predict, (tracks,).
             What these predict as well is none of time.
+        drifts: of each output, 0 where the level does not drift; what the inputs do is no part of
+            these, so that a curve of the level need not stand back.
     """
     found = []
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
         shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
-        told = [s for s in passed if _is_told(s, shown, of_signals[i])]
+        told = [s for s in passed if _is_told(s, shown, of_signals[i], drifts[i] > 0.0)]
         near = [s for s in told if s.score > told[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers, default=None)
         if best is not None and best.shape.in_time:
@@ -107,15 +110,18 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
     return tuple(found)
 
 
-def _is_told(s: FittedShape, shown: float, of_signals: float) -> bool:
+def _is_told(s: FittedShape, shown: float, of_signals: float, drifts: bool) -> bool:
     """Whether a proven shape may be told first; of those of time what nothing else explains.
 
     Args:
         shown: share of the excess error that the best shape of the machine itself explains.
         of_signals: the same of commands and outputs together.
+        drifts: whether the level of the output drifts, whatever the inputs do.
     """
     if not s.shape.in_time:
         return True
+    if drifts and s.shape.of_level:
+        return max(shown, of_signals) < s.share
     if s.follows_anything:
         return max(shown, of_signals) < SHAPES.of_signals * s.share
     return of_signals < s.share
@@ -143,8 +149,7 @@ def _found(shape: FittedShape, effect: str = "") -> FoundShape:
         shape.track.output.name,
         shape.share,
         shape.numbers,
-        shape.evidence.delta_bic,
-        shape.evidence.p_value,
+        shape.evidence,
         sentence,
         curve,
         effect,

@@ -227,6 +227,6 @@ SHAPES = (
     Shape("load-step", ShapePlace.TIME, load_step),
     Shape("plant-step", ShapePlace.TIME, plant_step, of_speed=True),
     Shape("gain-drift", ShapePlace.TIME, gain_drift),
-    Shape("load-drift", ShapePlace.TIME, load_drift),
+    Shape("load-drift", ShapePlace.TIME, load_drift, of_level=True),
     Shape("lag-drift", ShapePlace.TIME, lag_drift, of_speed=True),
 )

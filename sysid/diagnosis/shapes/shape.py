@@ -72,6 +72,7 @@ class Shape:
     Attributes:
         of_motion: whether it needs something that turns or moves.
         of_speed: whether its terms hold the speed, and are fitted again with the one simulated.
+        of_level: whether it moves the level of the output all along, as a drift does.
         terms: a track → its terms; None where the log cannot show the shape.
     """
 
@@ -80,6 +81,7 @@ class Shape:
     terms: Callable[[Track], Terms | None]
     of_motion: bool = False
     of_speed: bool = False
+    of_level: bool = False
 
     @property
     def in_time(self) -> bool:

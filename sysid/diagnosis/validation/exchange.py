@@ -83,7 +83,11 @@ def _roots(base: Base, candidate: CandidateModel, lag: int) -> tuple[float, floa
 def _other_place(
     base: Base, candidate: CandidateModel, lags: Sequence[int]
 ) -> CandidateModel | None:
-    """The model searched from where lags and the core's time constants change places."""
+    """The model searched from where lags and the core's time constants change places.
+
+    None without lags, and where that model's run has no end.
+    """
     if not lags:
         return None
-    return base.search.fitted(candidate, exchanged(base.search.model, candidate.q, lags))
+    there = base.search.fitted(candidate, exchanged(base.search.model, candidate.q, lags))
+    return there if np.all(np.isfinite(there.errors.mean_squares())) else None

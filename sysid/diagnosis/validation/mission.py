@@ -6,7 +6,7 @@ with guidance, control and an odometry that sees the wheels alone.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -47,36 +47,11 @@ HEAD = 20
 
 WHICH = {"before": "original", "after": "augmented"}
 
+ROWS = 400
+"""Points of a path kept for the picture."""
+
 STRIDE = 0.5
 """Way is summed over steps of this length [s], or noise of the place would add to it."""
-
-
-@dataclass(frozen=True, eq=False)
-class PathTrace:
-    """A measured path and those of both models under the same commands.
-
-    Attributes:
-        t: instants [s], (N,).
-        measured, before, after: x, y [m], ψ [rad], (N, 3).
-    """
-
-    name: str
-    t: Array
-    measured: Array
-    before: Array
-    after: Array
-
-
-@dataclass(frozen=True, eq=False)
-class MissionProof:
-    """What the mission says of the original and augmented models.
-
-    Attributes:
-        facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
-    """
-
-    facts: dict[str, Any]
-    traces: tuple[PathTrace, ...]
 
 
 def prove_on_mission(
@@ -85,13 +60,18 @@ def prove_on_mission(
     before: Model,
     after: Model,
     geometry: Geometry | None = None,
-) -> MissionProof:
+) -> dict[str, Any]:
     """Compare both models with measured paths.
 
     Args:
         mission_path: the mission file; its geometry moves the vehicle.
         records: whole mission logs with pose; the first is compared with the closed loop.
         before, after: models of two tracks; effects of the vehicle are part of them.
+
+    Returns:
+        JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``, and
+        ``traces``, the paths x, y [m] of every log: measured and by both models under the logged
+        commands.
     """
     mission = load_mission(mission_path)
     if geometry is not None:
@@ -104,9 +84,9 @@ def prove_on_mission(
             "left and a right side"
         )
     replays = [_Replay(r, mission, channels) for r in posed]
-    traces = tuple(
-        PathTrace(r.record.name, r.record.t, r.measured, r.by(before), r.by(after)) for r in replays
-    )
+    paths = [
+        {"measured": r.measured, "before": r.by(before), "after": r.by(after)} for r in replays
+    ]
     driven, warnings = {}, []
     elsewhere = not_this_mission(posed[0], mission, channels)
     for name, model in (("before", before), ("after", after)):
@@ -119,18 +99,27 @@ def prove_on_mission(
             warnings.append(f"The mission cannot be driven by the {WHICH[name]} model: {error}.")
             continue
         warnings += [n for n in notes if n not in warnings]
-    facts = {
+    return {
         "mission": Path(mission_path).name,
         "open_loop": [
-            _open_facts(t) | {"from_measured_speeds": r.by_wheels(after)}
-            for t, r in zip(traces, replays, strict=True)
+            _open_facts(r.record.name, p) | {"from_measured_speeds": r.by_wheels(after)}
+            for p, r in zip(paths, replays, strict=True)
         ],
         "closed_loop": {"measured": _measured_facts(posed[0], mission)}
         | {k: _closed_facts(v, posed[0]) for k, v in driven.items()},
-        "sentence": f"{elsewhere} {_sentence(traces[0], driven, posed[0])}".lstrip(),
+        "sentence": f"{elsewhere} {_sentence(paths[0], driven, posed[0])}".lstrip(),
         "warnings": warnings,
+        "traces": [
+            {"record": r.record.name, **{name: _drawn(path) for name, path in p.items()}}
+            for p, r in zip(paths, replays, strict=True)
+        ],
     }
-    return MissionProof(facts, traces)
+
+
+def _drawn(path: Array) -> list[list[float]]:
+    """x, y of a path for a picture."""
+    points: list[list[float]] = np.round(path[:: max(len(path) // ROWS, 1), :2], 4).tolist()
+    return points
 
 
 def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]) -> str:
@@ -229,10 +218,10 @@ def _apart(path: Array, measured: Array) -> tuple[float, float, float]:
     return float(np.sqrt(np.mean(far**2))), float(far[-1]), float(np.sqrt(np.mean(turned**2)))
 
 
-def _open_facts(trace: PathTrace) -> dict[str, Any]:
-    facts: dict[str, Any] = {"record": trace.name}
-    for name, path in (("before", trace.before), ("after", trace.after)):
-        rms, end, heading = _apart(path, trace.measured)
+def _open_facts(record: str, paths: Mapping[str, Array]) -> dict[str, Any]:
+    facts: dict[str, Any] = {"record": record}
+    for name in ("before", "after"):
+        rms, end, heading = _apart(paths[name], paths["measured"])
         facts |= {f"rms_{name}_m": rms, f"end_{name}_m": end, f"heading_rms_{name}_rad": heading}
     if facts["rms_before_m"] > 0:
         facts["shrunk_percent"] = 100.0 * (1.0 - facts["rms_after_m"] / facts["rms_before_m"])
@@ -274,9 +263,11 @@ def _closed_facts(result: MissionResult, record: Record) -> dict[str, Any]:
     }
 
 
-def _sentence(trace: PathTrace, driven: dict[str, MissionResult], record: Record) -> str:
-    old, old_end, _ = _apart(trace.before, trace.measured)
-    new, new_end, _ = _apart(trace.after, trace.measured)
+def _sentence(
+    paths: Mapping[str, Array], driven: Mapping[str, MissionResult], record: Record
+) -> str:
+    old, old_end, _ = _apart(paths["before"], paths["measured"])
+    new, new_end, _ = _apart(paths["after"], paths["measured"])
     said = (
         f"Under the logged commands the path error is {_far(old)} RMS ({_far(old_end)} at the end) "
         f"with the original model and {_far(new)} ({_far(new_end)}) with the augmented one."

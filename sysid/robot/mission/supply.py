@@ -73,10 +73,7 @@ class Feed:
         """PWM of both tracks [µs] that acts at time ``t`` [s]."""
         given = xp.array(pwm) / PWM_FULL_SCALE
         none = 0.0 * given
-        context = Context(
-            dt=0.0, t=t, w=none, w_free=none, b=none, torque=none, torque_other=none,
-            drive=given, turned=none, counted=none, holds=none,
-        )  # fmt: skip
+        context = Context(0.0, t, w=none, torque=none, torque_other=none, drive=given)
         acting = given
         for effect, numbers in self.effects:
             acting, _ = effect.step(xp, acting, (), numbers, context)

@@ -60,6 +60,8 @@ SHRINK = 1e-2
 
 FIRM = 1e-5
 """The same for a change of the linear part by one spread: what data leave open stays."""
+DAMPING = Damping(fall=0.3, rise=3.0, alike=True)
+"""Of a refinement, which few steps must not lead far away: parameters count in typical sizes."""
 SETTLED = 1e-6
 """Relative decrease of the cost by which a step must lower it, or it was the last."""
 
@@ -222,7 +224,7 @@ class RowRuns:
         start = np.where(prior.free, np.clip(z, *bounds), z)
         with np.errstate(over="ignore", invalid="ignore"):
             ends, _ = descend_together(
-                runs, start, prior.free, bounds, Damping(), iterations, SETTLED
+                runs, start, prior.free, bounds, DAMPING, iterations, SETTLED
             )
         refined = [
             replace(

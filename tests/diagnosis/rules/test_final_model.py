@@ -19,7 +19,7 @@ from sysid.diagnosis.rules.final_model import (
 )
 from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.selection import Interval, Selection
+from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
@@ -156,10 +156,9 @@ def test_beside_a_name_less_asks_for_more(
     study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
     rng, errors = np.random.default_rng(2), base.model.errors
 
-    def of(size: float, effects: tuple[str, ...]) -> Selection:
+    def of(size: float, effects: tuple[str, ...]) -> CandidateModel:
         white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.holdout)
-        node = replace(base.model, effects=effects, errors=replace(errors, holdout=white))
-        return Selection(base.model, node, (), (), ())
+        return replace(base.model, effects=effects, errors=replace(errors, holdout=white))
 
     between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
@@ -190,21 +189,19 @@ def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("delta_bic", "gain", "remains", "words"),
+    ("ratio", "remains", "words"),
     [
         (
-            -9.0,
             0.5,
             "partly explained",
             "Without it the held-out error is 2 times as large; partly",
         ),
-        (-9.0, 0.75, "", "Without it the held-out error is 4 times as large."),
-        (0.0, 0.0, "", ""),
+        (0.25, "", "Without it the held-out error is 4 times as large."),
+        (None, "", ""),  # read off the samples
     ],
 )
-def test_an_entry_gives_the_error_without_it(
-    delta_bic: float, gain: float, remains: str, words: str
-) -> None:
-    entry = NamedEffect("x", "motor", (), (), delta_bic, 0.0, gain, (), "", remains)
+def test_an_entry_gives_the_error_without_it(ratio: float | None, remains: str, words: str) -> None:
+    evidence = None if ratio is None else Evidence(-9.0, 9.0, 1.0, ratio, 0.0)
+    entry = NamedEffect("x", "motor", (), (), evidence, (), "", remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)

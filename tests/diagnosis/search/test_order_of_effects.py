@@ -10,9 +10,7 @@ def named(id: str, stage: str) -> NamedEffect:
         stage=stage,
         channels=("omega_l",),
         parameters=(),
-        delta_bic=-20.0,
-        p_value=1e-6,
-        heldout_gain=0.5,
+        evidence=None,
         indistinguishable=(),
         sentence="",
     )

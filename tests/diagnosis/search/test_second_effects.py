@@ -56,9 +56,8 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
     """The base misses by fifty times the noise: all these are far below 1 % of its gap."""
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
-    study = session(search=SimpleNamespace(needed=0.9))
-    naming = selection(node(50 * NOISE), node(left * NOISE, "load-bias"))
-    assert (study.remains(naming) > 0.0) is searched
+    study = session(search=SimpleNamespace(needed=0.9), model=node(50 * NOISE))
+    assert (study.remains(node(left * NOISE, "load-bias")) > 0.0) is searched
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,6 @@ def _track() -> Track:
 def _found(record: Record) -> tuple[FoundShape, ...]:
     base = fit_baseline([record], None, chain_effects())
     session = DiagnosisSession(base, noise_of(base), full_drive([record]), 0)
-    left = session.residual_structure(session.nothing, after=False)
+    left = session.residual_structure(session.base.model)
     assert left is not None
     return session.proven_shapes(base.model, left)

@@ -48,7 +48,7 @@ def test_a_log_that_never_settles_shows_its_noise() -> None:
 def test_dry_friction_under_two_levels_is_not_called_noise() -> None:
     study = studied(two_level(0.05, friction=0.1))
     assert study.needs_explanation
-    assert study.far_above_noise(study.nothing)
+    assert study.far_above_noise(study.base.model)
     assert study.required_ratio() > 0.0
     # neither way takes the friction itself for noise
     assert study.floor[0] < 0.1
