@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from sysid.data.preparation import Preparation
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
+from sysid.estimation.assessment.step_response import step_responses
 from sysid.estimation.pem import fit
 from sysid.estimation.selection import final_fits
 from sysid.estimation.selection import select_structure as selection
@@ -177,13 +178,32 @@ def oven(seed: int, samples: int = 600, dt: float = 10.0) -> Record:
     return Record(u[:, None], y[:, None], dt, (Channel("duty", "%"),), (Channel("oven", "degC"),))
 
 
+@pytest.mark.parametrize("shape", ["straight", "swing"])
+def test_a_level_that_drifts_leads_to_no_slow_mode(shape: str) -> None:
+    """In free run models that do not settle led; one step ahead the noise model has the drift."""
+    rng, n = np.random.default_rng(0), 1000
+    u = np.repeat(20.0 + 10.0 * rng.integers(0, 4, n // 50), 50)
+    swing = 4.0 * np.sin(np.arange(n) / 100.0)
+    a = np.exp(-2.0 / 60.0)
+    y = lfilter([0.0, 2.0 * (1.0 - a)], [1.0, -a], u) + 0.15 * rng.standard_normal(n)
+    y += np.linspace(0.0, 8.0, n) if shape == "straight" else swing
+    record = Record(u[60:, None], y[60:, None], 2.0)
+    found = select_structure(("oe", "bj"), [record], FitOptions())
+    model = found.entries[0].model
+    assert "one step ahead, because a level drifts" in found.reason
+    (response,) = step_responses(model)
+    assert response.gain.value == pytest.approx(2.0, abs=1.5 * response.gain.reach)
+    assert response.settles
+    assert response.gain.reach < 0.3
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_left_of_a_drift_takes_no_modes(seed: int) -> None:
     """In free run modes as slow as the drift would err least."""
     record = Preparation(remove_drift=True).apply(oven(seed))
     found = select_structure((), [record], FitOptions())
     model = found.entries[0].model
-    assert "one step ahead, because a drift was taken out" in found.reason
+    assert "one step ahead, because a level drifts" in found.reason
     step = model.step_response(samples=3000)[1][:, 0] - model.detrend.y_offset[0]
     assert step[-1] == pytest.approx(1.8, rel=0.1)
     assert np.argmax(step > (1.0 - np.exp(-1.0)) * step[-1]) == pytest.approx(30, rel=0.2)

@@ -22,8 +22,8 @@ IN_LOOP = (
 )
 
 DRIFTED = (
-    "Judged one step ahead, because a drift was taken out: in free run a model that follows what "
-    "is left of it by slow modes of its own would err least."
+    "Judged one step ahead, because a level drifts or a drift was taken out: in free run a model "
+    "that follows it, or what is left of it, by slow modes of its own would err least."
 )
 
 FOLLOWS = 1.5

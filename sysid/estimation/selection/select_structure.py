@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from sysid.criteria import table
 from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
@@ -117,7 +119,7 @@ def select_structure(
     offsets, (nk, notes) = _offsets_and_delay(facts, detrend, search=not whole)
     if searched and facts.outliers.words:
         notes = (*notes, OUTLIERS.format(facts.outliers.words))
-    ahead = (closed or _drift_taken_out(records)) and _may_be_judged_one_step(names, options)
+    ahead = (searched or len(names) > 1) and _judged_one_step(facts, names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     still = searched and not cut.excited and table.criterion(criterion).of_free_run
     criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
@@ -206,13 +208,14 @@ def _by_structure(
     return dict.fromkeys(names, grid)
 
 
-def _drift_taken_out(records: Sequence[Record]) -> bool:
-    """Whether outputs were freed of a slow drift, something of which is always left."""
-    return any("remove_drift" in d.fields for r in records for d in r.read_as)
+def _drifts(facts: LogFacts) -> bool:
+    """Whether a level drifts, or outputs were freed of a drift, something of which is left."""
+    taken_out = any("remove_drift" in d.fields for r in facts.records for d in r.read_as)
+    return taken_out or bool(np.any(facts.drifts))
 
 
-def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
-    """Whether held-out samples are judged one step ahead in a loop and beside a drift.
+def _judged_one_step(facts: LogFacts, names: Sequence[str], options: FitOptions) -> bool:
+    """Whether held-out samples are judged one step ahead: in a loop and beside a drift.
 
     Only among linear structures: of nonlinear ones those without noise model would never lead, and
     what they are asked for is a simulator. So they are where simulation is the focus asked for.
@@ -220,6 +223,7 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
     return (
         all(structure_class(name).traits.linear for name in names)
         and options.focus is Focus.PREDICTION
+        and (facts.closed_loop or _drifts(facts))
     )
 
 
