@@ -119,5 +119,5 @@ def test_a_run_without_a_compiler_is_the_same() -> None:
     q[0, fast.index["core", "gain", 1]] = 20.0
     q[0, fast.index["dead-zone", "plus", 1]] = 0.2
     q[0, fast.index["coulomb-friction", "level", 0]] = 1.0
-    again = slow.run(q, fast.null, fast._index, data.signals)
+    again = slow.run(q, fast.null, fast._entries, data.signals)
     np.testing.assert_allclose(fast.run(q, data), again, atol=1e-10)
