@@ -124,11 +124,8 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
     commands = [n for n, m in meant.items() if m.quantity == "command"]
     actuators = [n for n in commands if is_actuator(meant[n])]
     if actuators:  # input_voltage is the supply of what a duty cycle drives
-        called_u = [
-            n
-            for n in called_u
-            if n in actuators or n not in commands or not n.lower().startswith("input")
-        ]
+        aside = [n for n in commands if n.lower().startswith("input")]
+        called_u = [n for n in called_u if n in actuators or n not in aside]
     drives = [n for n in meant if may_drive(n, units[n])]
     measured = [n for n, m in meant.items() if m.quantity in ("speed", "measurement")]
     effects = sorted((n for n in measured if n not in (*drives, *called_u)), key=is_ambient)
