@@ -108,14 +108,15 @@ def drive(machine: Machine, volts: Array, dt: float) -> Drive:
     if every < 1 or not math.isclose(every * STEP, dt, rel_tol=1e-9):
         raise ValueError(f"dt is {dt} s: give a multiple of {STEP} s")
     mujoco = engine(machine)
-    state, now = mujoco.advance(mujoco.start, np.zeros((0, 2)), 0.0)
+    state, now, _ = mujoco.advance(mujoco.start, np.zeros((0, 2)), 0.0)
     rows, ahead, turns = [], machine.centre, 0.0
     for k, pair in enumerate(volts):
-        turns = now.psi + 2.0 * math.pi * round((turns - now.psi) / (2.0 * math.pi))
-        x, y = now.x + ahead * math.cos(turns), now.y + ahead * math.sin(turns)
-        left = now.vy + ahead * now.yaw_rate
-        rows.append((*mujoco.speeds, x, y, turns, now.vx, left, now.yaw_rate))
-        state, now = mujoco.advance(state, np.tile(pair, (every, 1)), (k + 1) * dt)
+        x, y, psi = now.pose
+        turns = psi + 2.0 * math.pi * round((turns - psi) / (2.0 * math.pi))
+        x, y = x + ahead * math.cos(turns), y + ahead * math.sin(turns)
+        left = now.lateral + ahead * now.yaw_rate
+        rows.append((*mujoco.speeds, x, y, turns, now.speed, left, now.yaw_rate))
+        state, now, _ = mujoco.advance(state, np.tile(pair, (every, 1)), (k + 1) * dt)
     found = np.array(rows)
     pose = found[:, 2:5]
     c, s = math.cos(pose[0, 2]), math.sin(pose[0, 2])

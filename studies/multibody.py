@@ -247,13 +247,14 @@ def render(path: Path, mission: Mission, result: MissionResult) -> str:
     import mujoco
     from PIL import Image
 
-    from sysid.cosim.multibody.engine import Surroundings, engine
+    from sysid.cosim.multibody.engine import engine
     from sysid.cosim.multibody.motion import STAND_IN
+    from sysid.robot.mission.contracts import Disc
 
     log, middle = result.log, len(result.log["t"]) // 2
     at = tuple(float(log[c][middle]) for c in ("x", "y", "psi"))
-    discs = tuple((o.x, o.y, o.radius, 0.0, 0.0) for o in mission.obstacles)
-    body = engine(STAND_IN, at, Surroundings(discs))
+    discs = tuple(Disc(o.x, o.y, o.radius) for o in mission.obstacles)
+    body = engine(STAND_IN, at, discs)
     body.advance(body.start, np.zeros((1, 2)), 0.0)
     size = body.model.vis.global_
     size.offwidth, size.offheight = 960, 540

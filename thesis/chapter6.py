@@ -13,9 +13,6 @@ from sysid.robot.mission.contracts import Disc
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import (
     PotentialField,
-    attractive_force,
-    repulsive_force,
-    speed_reference,
 )
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.spec import Mission
@@ -215,13 +212,13 @@ def forces() -> Sheet:
     law = PotentialField()
     x = np.linspace(0.0, 4.0, 161)
     pull = [
-        line(f"K {k:g}", x, attractive_force(x, 0.0 * x, (4.0, 0.0), _varied(law, K=k))[0])
+        line(f"K {k:g}", x, _varied(law, K=k).attraction(x, 0.0 * x, (4.0, 0.0))[0])
         for k in (0.05, 0.1, 0.15, 0.2, 0.3)
     ]
     near = np.linspace(0.0, 0.75, 151)
     obstacle = Disc(1.0, 0.0, 0.0)
     push = [
-        line(f"η {e:g}", near, -repulsive_force(near, 0.0 * near, obstacle, _varied(law, eta=e))[0])
+        line(f"η {e:g}", near, -_varied(law, eta=e).repulsion(near, 0.0 * near, obstacle)[0])
         for e in (0.01, 0.025, 0.05, 0.1, 0.2)
     ]
     rows = (
@@ -328,7 +325,7 @@ def references() -> Sheet:
 
 
 def _reference(law: PotentialField, rho: Array) -> Array:
-    found: Array = speed_reference(rho, 0.0 * rho, (0.0, 0.0), (), law)
+    found: Array = law.speed(rho, 0.0 * rho, (0.0, 0.0), ())
     return found
 
 

@@ -9,7 +9,6 @@ import sysid_datasets
 from sysid.data.record import Array
 from sysid.report.missions.response_drawing import Panel, ResponsePicture
 from sysid.report.style import GREEN, MUTED
-from sysid.robot.mission.guidance.field import speed_reference
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.spec import Mission, load_mission
 from thesis.entries import DRAWN, Row, Sheet, compared, line, number, place, verdict
@@ -198,7 +197,7 @@ def least_time(mission: Mission) -> float:
     """Time of a straight way without obstacles at the reference of speed itself [s]."""
     way = float(np.hypot(*mission.goal))
     x = np.linspace(0.0, way - mission.tolerance, 2001)
-    speed = speed_reference(x, 0.0 * x, (way, 0.0), (), mission.guidance)
+    speed = mission.guidance.speed(x, 0.0 * x, (way, 0.0), ())
     return float(np.trapezoid(1.0 / speed, x))
 
 

@@ -199,6 +199,11 @@ def uncertain_records(uncertain: Signals | None, es: Sequence[Array]) -> tuple[A
 
 
 def jacobian_records(jacobian: Signals | None, es: Sequence[Array]) -> tuple[Array, ...]:
+    """J of each record of residuals (N, 1), (N, n); without columns where none is given.
+
+    Raises:
+        DataError: its rows are not those of the residuals.
+    """
     if jacobian is None:
         return tuple(np.zeros((len(e), 0)) for e in es)
     records = as_records(jacobian, "jacobian")

@@ -71,6 +71,9 @@ VECTORS = word_set("acc accel acceleration gyro gyr mag magnetometer imu wind")
 PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 """Words of measurements that are not of motion."""
 
+TAGS = word_set("tic pic fic lic")
+"""Letters by which plants tag controllers of temperature, pressure, flow and level (ISA-5.1)."""
+
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
 """Units of such measurements in a record, where no word states what is measured."""
 
@@ -85,7 +88,10 @@ DRIVE_UNITS = word_set("V mV")
 AMBIENT = word_set("outdoor outside ambient outdoors surroundings aussen außen umgebung")
 """Words of what surrounds a plant: last among its outputs."""
 
-_FLOW = re.compile(r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)", re.I)
+_FLOW = re.compile(
+    r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)|[kmµu]?(g|mol|S)/(l|ml|m\^?3|m³|cm)", re.I
+)
+"""Units of flows, and of what a liquid or gas holds."""
 
 DRIVES = word_set(
     "torque drehmoment moment couple force kraft current strom courant freq frequency frequenz "
@@ -252,7 +258,8 @@ def may_move(name: str, unit: str) -> bool:
     base, _ = ending(name)
     parts = _with_pairs(words(base))
     moves = _rank(parts, SPEEDS) is not None or _rank(parts, MEASUREMENTS[3:]) is not None
-    return moves or (_rank(parts, PROCESS_MEASUREMENTS) is None and unit not in PROCESS_UNITS)
+    named = bool(TAGS & {*parts}) or _rank(parts, PROCESS_MEASUREMENTS) is not None
+    return moves or not (named or unit in PROCESS_UNITS)
 
 
 def is_actuator(meant: Meaning) -> bool:
@@ -283,6 +290,11 @@ def ends_in_speed(name: str, meant: Meaning) -> bool:
     """Whether a command by its name is an actuator's speed: ``Fan speed``."""
     of_part = meant.quantity == "command" and meant.rank == ACTUATOR
     return of_part and _rank(words(without_unit(name))[-1:], SPEEDS) is not None
+
+
+def names_speed(name: str) -> bool:
+    """Whether a word of a name, and not only its unit, says that it is a speed."""
+    return _rank(_with_pairs(words(without_unit(name))), SPEEDS) is not None
 
 
 def leaves_a_source(name: str, unit: str = "") -> bool:

@@ -188,7 +188,16 @@ class LogFacts:
     def changes(self) -> tuple[Change, ...]:
         """What changes within the log, by output: a gain or lags, with an unused column or, if
         none explains as much, at a time or all along."""
-        seen: list[Change] = []
+        return tuple(c for c, curved in self._seen_changes if not curved)
+
+    @cached_property
+    def changes_or_curves(self) -> tuple[Change, ...]:
+        """The same where a curve of a nonlinear output may look like it."""
+        return tuple(c for c, curved in self._seen_changes if curved)
+
+    @cached_property
+    def _seen_changes(self) -> tuple[tuple[Change, bool], ...]:
+        seen: list[tuple[Change, bool]] = []
         for j, fit in enumerate(self.processes):
             if fit is None:
                 continue
@@ -197,8 +206,8 @@ class LogFacts:
             if other is None and self.drifts[j]:
                 other = drift_with_column(beside)
             change = other or change_within(beside)
-            if change is not None and (other or not self._by_region(change)):
-                seen.append(change)
+            if change is not None:
+                seen.append((change, other is None and self._by_region(change)))
         return tuple(seen)
 
     def _by_region(self, change: Change) -> bool:

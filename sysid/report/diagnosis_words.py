@@ -13,7 +13,7 @@ from sysid.diagnosis.diagnosis import OF_THE_LOG, Against, Diagnosis, NamedEffec
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region, leading
-from sysid.diagnosis.verdict import ASTRAY, shape_known
+from sysid.diagnosis.verdict import ASTRAY, Remaining, shape_known
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.estimation.assessment.delta_method import NORMAL
@@ -255,7 +255,9 @@ def left_sentence(result: Diagnosis, marks: str = "") -> str:
         end = f"; residuals: {marks}" if marks else ": done"
         return f"Left: less than {DONE:g} % of the error beyond the noise{end}"
     if beyond is None:
-        return f"Left: {percent(rest)} of the excess error, which looks like noise"
+        far = Remaining(None, result.gap).above_noise
+        what = f"no input or output predicts ({far} the noise)" if far else "looks like noise"
+        return f"Left: {percent(rest)} of the excess error, which {what}"
     outputs = beyond.outputs
     where = leading([*result.where_after], [name for name, *_ in outputs])
     place = where.removeprefix("it is ") if where.startswith("it is ") else f"where {where}"

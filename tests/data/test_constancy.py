@@ -145,6 +145,31 @@ def test_warming_is_a_trend_and_no_step() -> None:
     assert change.parts[0].change == pytest.approx(-0.2, abs=0.02)
 
 
+def test_a_growing_spool_is_not_called_constant(tmp_path: Path, capsys: Capture) -> None:
+    """Paper winds the spool that draws it: its speed grows with what it has wound, as a curve may.
+
+    r² = r₀² + d L/π; without the paper (d = 0) the log is constant.
+    """
+    said = {}
+    for thick in (0.0, 7.5e-5):
+        rng = np.random.default_rng(12)
+        volts, turning, wound, y = np.zeros(0), 0.0, 0.0, np.empty(4200)
+        while len(volts) < 4200:
+            level = rng.choice([4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0])
+            volts = np.append(volts, np.full(int(rng.uniform(30, 150)), level))
+        for k in range(4200):
+            radius = np.sqrt(0.022**2 + thick * wound / np.pi)
+            y[k] = 1000.0 * turning * radius + 0.25 * rng.standard_normal()
+            for _ in range(5):
+                turning += 0.02 / 0.7 * (0.42 * volts[k] - turning)
+                wound += 0.02 * turning * radius
+        path = write_log(tmp_path / "roll.csv", ["volts", "speed"], [volts[:4200], y], 0.1)
+        said[thick] = " ".join(run(capsys, "inspect", path).out.split())
+    assert "are constant" in said[0.0]
+    assert "are constant" not in said[7.5e-5]
+    assert "the gain from volts to speed rises by" in said[7.5e-5]
+
+
 def beside(kind: str, seed: int) -> tuple[Array, Array, Array]:
     """Input, output and another column: it acts on gain or level, is a view of the output, or a
     slow one beside a load that is engaged."""

@@ -19,7 +19,7 @@ from sysid.diagnosis.validation.model_error import ResidualStructure
 from sysid.diagnosis.verdict import Remaining, not_followed, story
 from sysid.effects.catalogue import catalogue, chain_effects
 from sysid.report import diagnosis_words
-from sysid.report.diagnosis_words import headline
+from sysid.report.diagnosis_words import headline, left_sentence
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
 
@@ -64,6 +64,7 @@ def test_an_oven_is_not_spoken_of_as_a_track() -> None:
         ("level_cm", "m", False),
         ("y_force", "", False),
         ("y", "K", False),
+        ("PIC204.PV", "", False),
         ("y_tacho_V", "V", True),
         ("angle_rad", "rad", False),  # it does not integrate: a spring or a weight holds it
         ("y", "", True),
@@ -138,6 +139,13 @@ def test_what_is_left_is_said_in_words(closed: float) -> None:
     assert " 0 % of" not in text
     assert ("Less than 1 %" in text) == (closed > 99.0)
     assert "structured" not in text
+
+
+@pytest.mark.parametrize(("after", "said"), [(1.2, "looks like noise"), (14.5, "14.5 times the")])
+def test_errors_far_above_the_noise_do_not_look_like_it(after: float, said: str) -> None:
+    gap = Gap(1.0, 0.45, 0.1, 55.0, (40.0, 60.0), {"height": ChannelGap(29.0, after, 1.0)})
+    result: Any = SimpleNamespace(grown=True, gap=gap, excess_error=None)
+    assert said in left_sentence(result)
 
 
 @pytest.mark.parametrize(

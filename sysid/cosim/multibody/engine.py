@@ -3,13 +3,14 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from sysid.cosim.multibody.machine import Machine, cylinder, scene, wall
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.robot.mission.contracts import Body, Disc, Pose, Wall
 from sysid.vehicle.wheels.mjcf_parts import STEP
 
 SETTLING = 0.3
@@ -20,51 +21,8 @@ MISSING = (
     "'sysid-workbench[physics]'"
 )
 
-Disc = tuple[float, float, float, float, float]
-"""x, y [m] at t = 0, radius [m], velocity in x and y [m/s]."""
-
-
 OBSTACLE = 2
 """Bit of the shapes that only a vehicle touches (class ``obstacle``)."""
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What stands around a machine.
-
-    Attributes:
-        walls: each by its points [m].
-    """
-
-    discs: tuple[Disc, ...] = ()
-    walls: tuple[tuple[tuple[float, float], ...], ...] = ()
-
-    @property
-    def moving(self) -> tuple[Disc, ...]:
-        """The obstacles that move."""
-        return tuple(d for d in self.discs if d[3:] != (0.0, 0.0))
-
-
-NOTHING = Surroundings()
-
-
-class Moving(NamedTuple):
-    """How a machine stands and moves.
-
-    Attributes:
-        x, y, psi: of the middle of its wheels [m], [rad] in (−π, π].
-        vx, vy: forward and to the left, of that point [m/s].
-        yaw_rate: [rad/s].
-        touching: contacts of the body or a wheel with what stands around.
-    """
-
-    x: float
-    y: float
-    psi: float
-    vx: float
-    vy: float
-    yaw_rate: float
-    touching: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,29 +53,35 @@ class Engine:
         self.data.time = 0.0
         return self._taken()
 
-    def advance(self, state: Array, controls: Array, t: float) -> tuple[Array, Moving]:
+    def advance(self, state: Array, controls: Array, t: float) -> tuple[Array, Body, int]:
         """Some steps on, one for each row of controls.
 
         Args:
             state: ``start``, or what a call of this gave.
             controls: for each step, what both actuators are given, (steps, 2).
             t: time at the end [s]; obstacles that move stand there.
+
+        Returns:
+            The state then, how the middle of the wheels stands and moves, and how many contacts
+            the body or a wheel has with what stands around.
         """
         import mujoco
 
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         self._step(controls, t)
-        return self._taken(), self.moved(t)
+        return self._taken(), *self._moved(t)
 
-    def moved(self, t: float) -> Moving:
-        """How the machine stands and moves after the last step; ``t`` [s] is for the sentence."""
+    def _moved(self, t: float) -> tuple[Body, int]:
+        """How the machine moves after the last step, and its contacts; ``t`` [s] is for the
+        sentence."""
         x, y, _, w, i, j, k = self.data.qpos[:7].tolist()
         vx, vy, _, _, _, turn = self.data.qvel[:6].tolist()
         psi = math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
         c, s = math.cos(psi), math.sin(psi)
         touching = int(np.sum(self.outside[self.data.contact.geom]))
-        moving = Moving(x, y, psi, c * vx + s * vy, c * vy - s * vx, turn, touching)
-        if not all(map(math.isfinite, moving)) or max(map(abs, moving[:6])) > LOST:
+        body = Body(Pose(x, y, psi), c * vx + s * vy, turn, c * vy - s * vx)
+        figures = (*body.pose, *body[1:])
+        if not all(map(math.isfinite, figures)) or max(map(abs, figures)) > LOST:
             raise ModelError(
                 f"MuJoCo has lost the vehicle at t = {t:g} s: its mass, lengths or friction are "
                 f"too extreme for steps of {self.model.opt.timestep:g} s; change them, or make "
@@ -128,7 +92,7 @@ class Engine:
                 f"the vehicle has tipped over at t = {t:g} s: lower vehicle.height, bring "
                 "vehicle.centre to the middle of the tracks, or let it speed up more slowly"
             )
-        return moving
+        return body, touching
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -137,11 +101,11 @@ class Engine:
         return left, right
 
     def _step(self, controls: Array, t: float) -> None:
-        """Step on; what MuJoCo would print of a vehicle that it loses, ``moved`` says."""
+        """Step on; what MuJoCo would print of a vehicle that it loses, ``_moved`` says."""
         import mujoco
 
-        for k, (x, y, _, vx, vy) in enumerate(self.moving):
-            self.data.mocap_pos[k, :2] = x + vx * t, y + vy * t
+        for k, disc in enumerate(self.moving):
+            self.data.mocap_pos[k, :2] = disc.at(t)[:2]
         printed = mujoco.get_mju_user_warning()
         mujoco.set_mju_user_warning(lambda message: None)
         try:
@@ -171,13 +135,15 @@ LOST = 1e6
 def engine(
     machine: Machine,
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    around: Surroundings = NOTHING,
+    discs: tuple[Disc, ...] = (),
+    walls: tuple[Wall, ...] = (),
     step: float = STEP,
 ) -> Engine:
     """A machine that stands; the same one where it is asked for again.
 
     Args:
         start: x, y [m] and ψ [rad] of the middle of its wheels.
+        discs, walls: what stands around it.
         step: of the engine [s].
     """
     try:
@@ -188,9 +154,9 @@ def engine(
         raise ModelError(
             f"MuJoCo does not load ({error}): unset the environment variable MUJOCO_GL"
         ) from None
-    mu, moving = machine.friction, around.moving
-    stand = [line for d in around.discs if d not in moving for line in cylinder(*d[:3], mu)]
-    stand += [line for points in around.walls for line in wall(points, mu)]
+    mu, moving = machine.friction, tuple(d for d in discs if d.vx != 0.0 or d.vy != 0.0)
+    stand = [line for d in discs if d not in moving for line in cylinder(*d[:3], mu)]
+    stand += [line for w in walls for line in wall(w.points, mu)]
     for k, disc in enumerate(moving):
         stand += cylinder(*disc[:3], mu, f"moving_{k}")
     try:

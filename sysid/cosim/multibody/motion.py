@@ -8,13 +8,13 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 
-from sysid.cosim.multibody.engine import Engine, Surroundings, engine
+from sysid.cosim.multibody.engine import Engine, engine
 from sysid.cosim.multibody.machine import Machine
 from sysid.data.record import Array
 from sysid.data.yaml_files.problems import sentence_at
 from sysid.data.yaml_files.source import shown
 from sysid.errors import ModelError
-from sysid.robot.mission.contracts import Body, MotionInputs, Pose, Scene
+from sysid.robot.mission.contracts import Body, MotionInputs, Scene
 from sysid.robot.mission.settings import Positive
 from sysid.robot.mission.vehicle_spec import Physics
 from sysid.vehicle.kinematics import Real
@@ -117,10 +117,9 @@ class Multibody(Physics):
         steps = self._steps(scene.dt) if dt else 0
         passed = (np.arange(steps) + 1.0)[:, None] / max(steps, 1)
         before, now = (np.array(pair) for pair in (state.omega, (inputs.omega_l, inputs.omega_r)))
-        vector, body = mujoco.advance(state.vector, before + passed * (now - before), inputs.t)
-        after = MultibodyState(vector, (*now.tolist(),), body.vy, body.touching)
-        pose = Pose(body.x, body.y, body.psi)
-        return after, Body(pose, body.vx, body.yaw_rate, body.vy)
+        controls = before + passed * (now - before)
+        vector, body, touching = mujoco.advance(state.vector, controls, inputs.t)
+        return MultibodyState(vector, (*now.tolist(),), body.lateral, touching), body
 
     def _steps(self, dt: float) -> int:
         """Steps of the engine between two samples."""
@@ -142,8 +141,5 @@ class Multibody(Physics):
             wheels=self.wheels,
             friction=self.friction,
         )
-        around = Surroundings(
-            tuple((o.x, o.y, o.radius, o.vx, o.vy) for o in scene.obstacles),
-            tuple(w.points for w in scene.walls),
-        )
-        return engine(machine, tuple(scene.start), around, scene.dt / self._steps(scene.dt))
+        step = scene.dt / self._steps(scene.dt)
+        return engine(machine, tuple(scene.start), scene.obstacles, scene.walls, step)

@@ -98,12 +98,13 @@ def control_law(records: Sequence[Record], i: int, j: int) -> ControlLaw | None:
         columns = [terms[name] for name in law]
         theta, rest = least_squares(np.column_stack([*columns, lines]), target)
         left = float(rest @ rest)
+        if left > EXACT * spread or left > DECIDED * unknown:
+            continue
         without = [
             _left(np.column_stack([*(c for c in columns if c is not x), lines]), target)
             for x in columns
         ]
-        needed = NEEDED * max(left, 1e-12 * spread)
-        if left > EXACT * spread or left > DECIDED * unknown or min(*without, unknown) < needed:
+        if min(*without, unknown) < NEEDED * max(left, 1e-12 * spread):
             continue
         gain = float(theta[: 1 + ("before" in law)].sum())
         rate = float(theta[len(law) - 1]) / records[0].dt if "sum" in law else 0.0

@@ -315,6 +315,9 @@ def check_constancy(facts: LogFacts) -> Iterator[Finding]:
     drifting = drift_sentences(record, changes, facts.drifts)
     for output, text in drifting.items():
         yield Finding("drift", Severity.WARNING, text, WITHOUT_DRIFT, output)
+    for c in facts.changes_or_curves:
+        text = f"{change_sentence(c, record).removesuffix('.')}, or the response is a curve."
+        yield Finding("change", Severity.NOTE, text, "sysid diagnose compares both.", c.output)
     if any(facts.processes) and not (changes or drifting):
         text = "Gains, time constants and levels are constant."
         yield Finding("change", Severity.OK, text)

@@ -25,6 +25,7 @@ from sysid.data.column_words import (
     may_drive,
     may_move,
     meaning,
+    names_speed,
     releases,
     turns_an_actuator,
 )
@@ -66,7 +67,8 @@ def roles(
     actuator; voltages and other words that are measured as often as commanded, and columns whose
     name says nothing; torques, currents and frequencies beside what they move, and set points;
     measurements; a power supply. Outputs: columns called so (``y…``, ``out…``); measurements that
-    drive nothing; columns in a unit that a sensor reads; the columns that are left.
+    drive nothing; columns in a unit that a sensor reads; the columns that are left. Beside a
+    command such a unit says as much as a word for what is measured, save a word for a speed.
 
     Args:
         free: the columns that can be a signal, in the order of the file, with the units that
@@ -122,8 +124,8 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
     commands = [n for n, m in meant.items() if m.quantity == "command"]
     actuators = [n for n in commands if is_actuator(meant[n])]
     if actuators:  # input_voltage is the supply of what a duty cycle drives
-        aside = {n for n in commands if n not in actuators and n.lower().startswith("input")}
-        called_u = [n for n in called_u if n not in aside]
+        aside = [n for n in commands if n.lower().startswith("input")]
+        called_u = [n for n in called_u if n in actuators or n not in aside]
     drives = [n for n in meant if may_drive(n, units[n])]
     measured = [n for n, m in meant.items() if m.quantity in ("speed", "measurement")]
     effects = sorted((n for n in measured if n not in (*drives, *called_u)), key=is_ambient)
@@ -131,12 +133,12 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
     read = [n for n in unknown if has_result_unit(n, units[n])]
     unread = [n for n in unknown if n not in read]
     set_points = [n for n in meant if is_set_point(n)]
-    if given_y:
-        outputs = [given_y]
-    elif called_y:
-        outputs = [tuple(called_y)]
+    if given_y or called_y:
+        outputs = [given_y or tuple(called_y)]
     else:
-        outputs = _families(effects) or _families(read) or _families([*unknown, *drives])
+        turns = any(names_speed(n) for n in effects)
+        named = effects if turns or not (commands or set_points) else [*effects, *read]
+        outputs = _families(named) or _families(read) or _families([*unknown, *drives])
     driving = [*(drives if effects or read or given_y or called_y else ()), *set_points]
     ways = [
         [given_u] if given_u else [],

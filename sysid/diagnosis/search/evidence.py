@@ -44,6 +44,16 @@ class Evidence:
         """The rule of acceptance that held on real records; see the decision page."""
         return self.significant and self.share_better > RULE.blocks and self.ratio < self.needed
 
+    def rivals(self, best: "Evidence") -> bool:
+        """Whether an effect may be what an accepted one is taken for.
+
+        It is accepted itself, or only its numbers cost it that: in a short log ΔBIC decides by
+        them, and two models within ``RULE.bic`` of each other may both be right. Where more is
+        asked of the held-out error (``needed``), that decides whether to name, and not what.
+        """
+        likely = self._beyond_chance(max(RULE.bic, best.delta_bic - RULE.bic))
+        return likely and self.share_better > RULE.blocks and self.ratio < RULE.held_out
+
     @property
     def significant(self) -> bool:
         """Whether the gain is more than chance, however small it is.
@@ -51,7 +61,10 @@ class Evidence:
         Effects that act seldom change few blocks by much, and t stays below 2: there the ranks of
         the touched blocks decide, corrected for the number of effects tried.
         """
-        return self.delta_bic < RULE.bic and (self.t > RULE.t or self.p_value < RULE.p)
+        return self._beyond_chance(RULE.bic)
+
+    def _beyond_chance(self, bic: float) -> bool:
+        return self.delta_bic < bic and (self.t > RULE.t or self.p_value < RULE.p)
 
 
 def effective_samples(errors: Sequence[Array]) -> Array:

@@ -187,7 +187,7 @@ class ForwardSelection(CandidateSearch):
                 j.id
                 for j in judged
                 if j.id != id
-                and j.evidence.accepted
+                and j.evidence.rivals(in_place.evidence)
                 and j.id not in NOT_NAMED  # what is the same in all logs is a case of it
                 and self.admissible(j.model)
                 and self.tied(in_place.model, j.model)

@@ -1,7 +1,7 @@
 """Shapes between signals: an input that acts later than the others, and one whose effect goes with
 another signal."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -82,7 +82,8 @@ def with_another(track: Track) -> Terms | None:
     """G(q) K d_i c or G(q) K d_i/c: the effect of an input goes with another signal or, as what
     heats or feeds a stream goes with the flow, with its reciprocal; lagged or not; scanned."""
     over = [reciprocal for s in track.others if (reciprocal := _reciprocal(s))]
-    ways, torque = _products(track, (*track.others, *over))
+    others = {s.name: s.values for s in (*track.others, *over)}
+    ways, torque = _products(track, others)
     if not ways:
         return None
     of_core = 0 if track.fixed else len(track.f)
@@ -90,7 +91,8 @@ def with_another(track: Track) -> Terms | None:
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         i, name = ways[k]
         changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
-        return _goes_with(track, i, name, 1.0 + changed, float(fit.coefficients[0])), None
+        more = float(fit.coefficients[0])
+        return _goes_with(track, i, name, others[name], 1.0 + changed, more), None
 
     return Terms(track.through(track.gain * torque).T[:, :, None], says)
 
@@ -110,13 +112,12 @@ def with_unused(track: Track) -> Terms | None:
     the output, such as a current, is rather a consequence. Lags G_m of first order of any length
     stand for the core, for the inputs, too: that of a log without the column may be far off.
     """
-    acting = [c for c in track.unused if _acts(track, c.values)]
+    acting = {c.name: c.values for c in track.unused if _acts(track, c.values)}
     if not acting:
         return None
     ways, torque = _products(track, acting)
-    size = [float(np.max(np.abs(c.values))) for c in acting]
-    ways = [*((ALONE, c.name) for c in acting), *ways]
-    alone = [c.values[:, None] / s for c, s in zip(acting, size, strict=True)]
+    ways = [*((ALONE, name) for name in acting), *ways]
+    alone = [c[:, None] / float(np.max(np.abs(c))) for c in acting.values()]
     every = np.hstack([*alone, track.gain * torque])
     own = track.inputs if track.adds_inputs else track.drive[:, None]
     lags = np.geomspace(1.0, max(len(track.t) * MOST_SHARE, 4.0), CORES)
@@ -136,18 +137,19 @@ def with_unused(track: Track) -> Terms | None:
             of_core = 0 if track.fixed else len(track.f)
             changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
             changed += float(np.sum(fit.own[first + i :: own.shape[1]]))
-            words = _goes_with(track, i, called, 1.0 + changed, float(np.sum(fit.coefficients)))
+            more = float(np.sum(fit.coefficients))
+            words = _goes_with(track, i, called, acting[name], 1.0 + changed, more)
         return f"{words}{too}", None
 
     return Terms(columns, says, None, beside)
 
 
-def _products(track: Track, others: Sequence[Signal]) -> tuple[list[tuple[int, str]], Array]:
+def _products(track: Track, others: Mapping[str, Array]) -> tuple[list[tuple[int, str]], Array]:
     """(input, name) and d_i c of each input and each other signal, lagged or not, (N, V)."""
     own = track.inputs.shape[1] if track.adds_inputs else 1
     ways: list[tuple[int, str]] = []
     columns = [np.empty((len(track.t), 0))]
-    for name, signal in others:
+    for name, signal in others.items():
         size = float(np.max(np.abs(signal), initial=0.0))
         if size == 0.0:
             continue
@@ -160,13 +162,20 @@ def _products(track: Track, others: Sequence[Signal]) -> tuple[list[tuple[int, s
     return ways, np.hstack(columns)
 
 
-def _goes_with(track: Track, i: int, called: str, alone: float, more: float) -> str:
-    """How an input's effect goes with a signal: ``alone`` at 0, and ``more`` at its largest."""
+def _goes_with(track: Track, i: int, called: str, signal: Array, alone: float, more: float) -> str:
+    """How an input's effect goes with a signal: ``alone`` at 0, and ``more`` at its largest size;
+    compared over the values that the log visits."""
     words = f"the effect of {track.channels[i].name} on {track.output.name} "
     if abs(alone) < IN_PROPORTION * abs(more):
         return f"{words}is in proportion to {called}"
-    times = f"{1.0 + more / alone:.2g} times that at 0"
-    return f"{words}goes with {called}: where that is largest it is {times}"
+    slope = more / float(np.max(np.abs(signal)))
+    ends = [
+        (alone + slope * float(np.min(signal)), "smallest"),
+        (alone + slope * float(np.max(signal)), "largest"),
+    ]
+    (less, at), (most, other) = sorted(ends, key=lambda end: abs(end[0]))
+    times = f"{less / most:.2g} times that where it is {other}"
+    return f"{words}goes with {called}: where that is {at} it is {times}"
 
 
 def _acts(track: Track, column: Array) -> bool:

@@ -98,7 +98,9 @@ def proven(
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
         shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
-        told = [s for s in passed if _is_told(s, shown, of_signals[i], drifts[i] > 0.0)]
+        unused = [s.share for s in passed if s.shape.place is ShapePlace.UNUSED]
+        alone = drifts[i] > 0.0 and not unused
+        told = [s for s in passed if _is_told(s, shown, of_signals[i], alone)]
         near = [s for s in told if s.score > told[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers, default=None)
         if best is not None and best.shape.in_time:
@@ -116,7 +118,8 @@ def _is_told(s: FittedShape, shown: float, of_signals: float, drifts: bool) -> b
     Args:
         shown: share of the excess error that the best shape of the machine itself explains.
         of_signals: the same of commands and outputs together.
-        drifts: whether the level of the output drifts, whatever the inputs do.
+        drifts: whether the level of the output drifts, whatever the inputs do, and no column that
+            is not used explains a part of it.
     """
     if not s.shape.in_time:
         return True
@@ -215,7 +218,9 @@ def better_shape(
     samples = effective_samples(shaped.estimation)
     every = np.ones(len(pairs), dtype=bool)
     evidence = compare_errors(named, shaped, numbers, 1, every, samples)
-    return best if evidence.significant and evidence.ratio < RULE.held_out else None
+    # of two that explain the log, the one with more numbers has to prove that it needs them
+    proven = evidence.significant or (numbers < 0.0 and evidence.delta_bic < RULE.bic)
+    return best if proven and evidence.ratio < RULE.held_out else None
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:

@@ -15,6 +15,7 @@ from sysid.diagnosis.shapes.reading import (
     command_gain,
     half_band,
     own_feedback,
+    plain,
     static_gain,
     time_constant,
 )
@@ -185,22 +186,22 @@ def _drift(
             factor, _ = track.output.to_file
             words = (
                 f"a load or offset wanders by {amount(track.output, np.ptp(y))} of "
-                f"{track.output.name} within {span:.3g} s, whatever the command does"
+                f"{track.output.name} within {plain(span)} s, whatever the command does"
             )
             y, half = -factor * y, factor * half
             label = axis(track.output, "load, lost steady")
         elif what == "gain":
             share = 100.0 * track.gain / command_gain(track, fit)
             y, half = share * y, abs(share) * half
-            way = _way(y)
-            words = f"the gain of the command {way} by {np.ptp(y):.2g} % within {span:.3g} s"
+            by = f"by {plain(np.ptp(y), 2)} % within {plain(span)} s"
+            words = f"the gain of the command {_way(y)} {by}"
             label = "gain [% from its mean]"
         else:
             y, half = 100.0 * y, 100.0 * half
-            words = f"the time constant {_way(y)} by {np.ptp(y):.2g} % within {span:.3g} s"
+            words = f"the time constant {_way(y)} by {plain(np.ptp(y), 2)} % within {plain(span)} s"
             label = "time constant [% from its mean]"
         curve = Curve("time [s]", label, x, y, y - half, y + half)
-        return _said(track, words, f"within {span:.3g} s", curve)
+        return _said(track, words, f"within {plain(span)} s", curve)
 
     return Terms(columns[None], says, bend(columns.shape[1]), beside)
 

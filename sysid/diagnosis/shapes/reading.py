@@ -49,6 +49,11 @@ def amount(channel: Channel, value: float, digits: int = 3) -> str:
     return f"{abs(value) * factor:.{digits}g} {unit}".strip()
 
 
+def plain(value: float, digits: int = 3) -> str:
+    """A number rounded to so many digits, without a power of ten where there is room: 86400."""
+    return f"{float(f'{value:.{digits}g}'):.9g}"
+
+
 def axis(channel: Channel, before: str = "", after: str = "") -> str:
     """The label of an axis: what it is, and the unit of the file."""
     _, unit = channel.to_file

@@ -1,7 +1,7 @@
 """Members of the C structs."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sysid.runners.trace.writing import comment
 
@@ -23,6 +23,11 @@ class Field:
     size: int = 0
     values: tuple[float, ...] = ()
 
+    @property
+    def value(self) -> float:
+        """Of a parameter that is a single number."""
+        return self.values[0]
+
 
 def members(fields: Sequence[Field]) -> Iterator[str]:
     """Lines that declare them."""
@@ -36,13 +41,17 @@ def members(fields: Sequence[Field]) -> Iterator[str]:
         yield f"    double {f.name}{size};{said}"
 
 
+def listed(fields: Sequence[Field]) -> Iterator[Field]:
+    """Every number of a struct of parameters as one of its own, by its place in C."""
+    for f in fields:
+        for k, value in enumerate(f.values):
+            place = f"{f.name}[{k}]" if f.size else f.name
+            yield replace(f, name=place, size=0, values=(value,))
+
+
 def places(fields: Sequence[Field]) -> Iterator[tuple[str, float]]:
     """Every number of a struct of parameters by its place in C, and its value."""
-    for f in fields:
-        if not f.size:
-            yield f.name, f.values[0]
-        for k in range(f.size):
-            yield f"{f.name}[{k}]", f.values[k]
+    return ((f.name, f.value) for f in listed(fields))
 
 
 def numbers(fields: Sequence[Field]) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Channel
-from sysid.export.c.fields import Field, places
+from sysid.export.c.fields import Field
 from sysid.export.c.names import distinct
 from sysid.fitting.problem import Parameter
 from sysid.runners.trace.program import Program, constant
@@ -24,22 +24,6 @@ from sysid.structures.plant import Step
 
 STRUCT = "parameters->"
 _COUNT = re.compile(r"\d+")
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a plant.
-
-    Attributes:
-        name: as sysid shows it, or its member of ``plant_parameters``: ``weight[3]``.
-        unit: of it, empty for none.
-        value: as it was identified.
-    """
-
-    name: str
-    unit: str
-    words: str
-    value: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +46,7 @@ class PlantNumbers:
         return tuple(f for f in self.fields if f.name in read)
 
 
-def theta_numbers(model: Model) -> list[Number]:
+def theta_numbers(model: Model) -> list[Field]:
     """θ of a model, behind it that of the model that its effects are added to."""
     return list(
         _theta_numbers(model.structure, model.parameters, model.theta, model.inputs, model.outputs)
@@ -75,12 +59,13 @@ def _theta_numbers(
     theta: Array,
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
-) -> Iterator[Number]:
+) -> Iterator[Field]:
     constants = structure.physics.constants if isinstance(structure, GreyBox) else ()
     known = {c.name: c.words for c in constants}
     for p, value in zip(parameters, theta, strict=True):
         words = known.get(p.name.partition("[")[0], "")
-        yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))
+        said = f"{p.name}: {words}" if words else p.name
+        yield Field(p.name, p.unit, said, values=(float(value),))
     base = structure.given if isinstance(structure, Augmented) else None
     if base is not None:
         own_parameters = base.structure.parameters(inputs, outputs)
@@ -100,7 +85,9 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
     theta = theta_numbers(model)
     kept = set(range(len(theta)) if fixed is None else fixed)
     point = [
-        Number(f"{letter}0[{c.name}]", c.unit, f"operating point of {c.name}", float(value))
+        Field(
+            f"{letter}0[{c.name}]", c.unit, f"operating point of {c.name}", values=(float(value),)
+        )
         for letter, channels, offsets in (
             ("u", model.inputs, model.detrend.u_offset),
             ("y", model.outputs, model.detrend.y_offset),
@@ -136,7 +123,7 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
     )
 
 
-def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]:
+def _groups(free: Sequence[int], every: Sequence[Field]) -> Iterator[list[int]]:
     """Neighbours that are called alike, where they are many; else each by itself."""
 
     def alike(k: int) -> tuple[str, str]:
@@ -180,10 +167,3 @@ class _TracedBase(GivenBase):
 
     def step(self) -> Step:
         return self.around(traced_step(self.structure, self.traced, self.theta))
-
-
-def listed(fields: Sequence[Field]) -> tuple[Number, ...]:
-    """Every number of a struct of parameters."""
-    return tuple(
-        Number(place, f.unit, f.words, value) for f in fields for place, value in places((f,))
-    )

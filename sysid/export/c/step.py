@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.export.c.fields import Field, places
+from sysid.export.c.fields import Field, listed, places
 from sysid.export.c.parameters import (
     STRUCT,
-    Number,
-    listed,
     plant_numbers,
     theta_numbers,
     traced_step,
@@ -112,12 +110,12 @@ def c_step(model: Model) -> PlantStep:
     return _recorded(model, fixed) if len(fixed) < len(every) else plain
 
 
-def tunable_parameters(model: Model) -> tuple[Number, ...]:
+def tunable_parameters(model: Model) -> tuple[Field, ...]:
     """What of a plant may be changed at run time in C: name, unit, identified value, words.
 
     In the order of the members of ``plant_parameters`` in ``plant.h``, arrays entry by entry.
     """
-    return listed(c_step(model).parameters)
+    return tuple(listed(c_step(model).parameters))
 
 
 def _can_change(model: Model, one: int, every: Iterable[int]) -> bool:

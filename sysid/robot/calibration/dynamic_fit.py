@@ -31,7 +31,7 @@ from sysid.robot.calibration.dynamic_estimate import (
 from sysid.robot.calibration.dynamic_runs import NUMBERS, Machine
 from sysid.robot.calibration.slip_estimate import SlipFit
 from sysid.robot.calibration.slip_fit import fit_slip
-from sysid.robot.calibration.slip_model import AT, LOWER, TERMS, window_errors
+from sysid.robot.calibration.slip_model import AT, LOWER, TERMS, Kinematic
 from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry
@@ -128,16 +128,8 @@ class _DynamicProblem(Problem):
 
     def way_errors(self, q: Array, slipped: Array) -> list[Array]:
         """Errors of increments, (W, 3) part by part."""
-        return [
-            window_errors(
-                q,
-                p.trajectory,
-                self.geometry,
-                p.windows,
-                on_grid(self.powered, p.trajectory, slipped),
-            )
-            for p in self.parts
-        ]
+        motion = Kinematic(self.geometry, q, lambda d: on_grid(self.powered, d, slipped))
+        return [motion.errors([p]) for p in self.parts]
 
     def _white_speeds(self, errors: Sequence[Array]) -> Array:
         """In units of the typical ones; a speed that is not there errs by nothing."""

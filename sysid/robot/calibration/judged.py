@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError
+from sysid.robot.calibration.slip_model import Motion
 from sysid.robot.calibration.trajectory import Part, Trajectory
 
 ESTIMATED = 0.7
@@ -109,19 +110,13 @@ def long_stretches(parts: Sequence[Part]) -> list[Part]:
     return _not_empty(stretches)
 
 
-def drift(
-    errors: Errors, driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequence[Part]
-) -> Drift:
-    """How the errors grow with the way.
-
-    Args:
-        driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
-    """
+def drift(errors: Errors, model: Motion, parts: Sequence[Part]) -> Drift:
+    """How errors grow with the way that a model says was driven."""
     if not parts:
         return Drift(None, None, 0)
     error = errors(parts)
     way, turned = (
-        np.concatenate([_over(p, driven(p.trajectory)[k]) for p in parts]) for k in (0, 1)
+        np.concatenate([_over(p, model.driven(p.trajectory)[k]) for p in parts]) for k in (0, 1)
     )
     away = float(np.hypot(error[:, 0], error[:, 1]).sum())
     turns = float(turned.sum()) / (2.0 * np.pi)
@@ -132,9 +127,9 @@ def drift(
     )
 
 
-def mean_way(driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequence[Part]) -> float:
+def mean_way(model: Motion, parts: Sequence[Part]) -> float:
     """Mean way that a vehicle drives in a window [m]."""
-    return float(np.mean(np.concatenate([_over(p, driven(p.trajectory)[0]) for p in parts])))
+    return float(np.mean(np.concatenate([_over(p, model.driven(p.trajectory)[0]) for p in parts])))
 
 
 def _over(part: Part, steps: Array) -> Array:

@@ -18,7 +18,7 @@ from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.robot.calibration.geometry import LEFT_OUT
 from sysid.robot.calibration.ground_fit import with_memory
 from sysid.robot.calibration.slip_estimate import SlipFit
-from sysid.robot.calibration.slip_model import AT, LOWER, NULLS, TERMS, errors_of
+from sysid.robot.calibration.slip_model import AT, LOWER, NULLS, TERMS, Kinematic
 from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry
@@ -73,7 +73,7 @@ class _SlipProblem(Problem):
 
     def residual(self, p: Array) -> Array:
         """Errors in units of the typical ones, each window with its weight, and the prior's."""
-        errors = errors_of(p, self.geometry, self.parts) / self.typical
+        errors = Kinematic(self.geometry, p).errors(self.parts) / self.typical
         white = (errors * np.sqrt(self.weights)[:, None]).ravel()
         return np.concatenate([white, (p - NULLS) / self.prior])
 
@@ -136,7 +136,7 @@ def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> boo
         for model in (plain, richer):
             small = replace(problem, parts=tuple(first), free=model.free)
             q = _solved(small, model.q, 8, 1)
-            errors = errors_of(q, problem.geometry, other)
+            errors = Kinematic(problem.geometry, q).errors(other)
             size = np.linalg.norm(errors / plain.typical, axis=1)
             cost.append(float(np.sum(np.minimum(size, FAR * np.sqrt(3.0)) ** 2)))
         if not cost[1] < BETTER * cost[0]:
@@ -164,7 +164,7 @@ def _best_lag(problem: _SlipProblem) -> Array:
         q = NULLS.copy()
         q[[AT["pose_lag"], AT["heading_lag"]]] = lag
         q = _solved(replace(problem, free=few), q, 10, 2)
-        errors = errors_of(q, problem.geometry, problem.parts)
+        errors = Kinematic(problem.geometry, q).errors(problem.parts)
         costs.append((np.median(np.abs(errors), axis=0), q))
     typical = np.maximum(np.min([t for t, _ in costs], axis=0), NOTHING)
     return min(costs, key=lambda item: float(np.sum(np.log(np.maximum(item[0], typical)))))[1]
@@ -172,7 +172,7 @@ def _best_lag(problem: _SlipProblem) -> Array:
 
 def _weighed(problem: _SlipProblem, q: Array) -> _SlipProblem:
     """The problem with typical errors and weights as these numbers leave them."""
-    errors = errors_of(q, problem.geometry, problem.parts)
+    errors = Kinematic(problem.geometry, q).errors(problem.parts)
     typical = np.maximum(1.4826 * np.median(np.abs(errors), axis=0), NOTHING)
     size = np.linalg.norm(errors / typical, axis=1) / np.sqrt(3.0)
     weights = np.minimum(1.0, FAR / np.maximum(size, 1e-300))

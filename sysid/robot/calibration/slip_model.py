@@ -11,7 +11,7 @@ wheels lose is the catalogue's law of slip (``sysid.effects``), the way they go 
 """
 
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,63 +127,6 @@ NULLS = np.array([t.null for t in TERMS])
 LOWER = np.array([t.lower for t in TERMS])
 
 
-def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tuple[Array, Array]:
-    """Forward speed [m/s] and yaw rate [rad/s] of the vehicle, (N,) each.
-
-    Args:
-        q: every number; radii and 1/width relative to the geometry's.
-        omega: wheel speeds on a grid, (N, 2) [rad/s].
-        step: of the grid [s].
-    """
-    share = float(q[AT["slip_turning"]])
-    ground = Ground((SLIP,), {SLIP: {SLIP_SHARE: np.full(2, share)}}) if share else Ground()
-    rolled = ground.rolled(omega) * q[:2]
-    fast = q[AT["slip_speed"]]
-    if fast:
-        speed = geometry.r * np.abs(rolled).mean(axis=1)
-        rolled = rolled * (1.0 - fast * speed)[:, None]
-    forward, yaw_rate = body_velocity(rolled[:, 0], rolled[:, 1], geometry)
-    yaw_rate = yaw_rate * q[AT["effective_width"]]
-    return (
-        _following(forward, q[AT["slip_load"]], step),
-        _following(yaw_rate, q[AT["yaw_lag"]], step),
-    )
-
-
-def path(q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0) -> Array:
-    """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin, (N + 1, 3).
-
-    Args:
-        q: every number, radii and 1/width relative to the geometry's.
-        more: what something else adds to the way forward and to the left [m] and to the turn [rad]
-            of every step of the grid, (N, 3).
-    """
-    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
-    along, turn = forward * trajectory.step, yaw_rate * trajectory.step
-    aside = -q[AT["side_slip"]] * forward * turn
-    added = np.broadcast_to(more, (len(along), 3))
-    return chained_arcs(along + added[:, 0], turn + added[:, 2], aside + added[:, 1])
-
-
-def pose_read(
-    q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0
-) -> Array:
-    """The pose that the trajectory's source reads of the vehicle, at its measurements, (M, 3)."""
-    x, y, psi = path(q, trajectory, geometry, more).T
-    late = trajectory.at - q[AT["pose_lag"]]
-    heading = np.interp(late, trajectory.nodes, psi)
-    c, s = np.cos(heading), np.sin(heading)
-    ahead, left = q[AT["marker_x"]], q[AT["marker_y"]]
-    return np.column_stack(
-        [
-            np.interp(late, trajectory.nodes, x) + c * ahead - s * left,
-            np.interp(late, trajectory.nodes, y) + s * ahead + c * left,
-            np.interp(trajectory.at - q[AT["heading_lag"]], trajectory.nodes, psi)
-            + q[AT["heading_offset"]],
-        ]
-    )
-
-
 def increments(pose: Array, windows: Index, offset: float) -> Array:
     """Forward and lateral way [m] and turn [rad] over windows, in the frame at their start, (W, 3).
 
@@ -195,17 +138,6 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
     a = pose[windows[:, 0]]
     change = pose[windows[:, 1]] - a
     return np.column_stack([seen_from(a[:, 2] - offset, change[:, :2]), change[:, 2]])
-
-
-def window_errors(
-    q: Array, trajectory: Trajectory, geometry: Geometry, windows: Index, more: Array | float = 0.0
-) -> Array:
-    """Measured less predicted increments over windows, (W, 3) [m, m, rad]."""
-    offset = float(q[AT["heading_offset"]])
-    measured = increments(trajectory.pose, windows, offset)
-    error = measured - increments(pose_read(q, trajectory, geometry, more), windows, offset)
-    error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
-    return error
 
 
 class Motion(ABC):
@@ -220,43 +152,89 @@ class Motion(ABC):
     geometry: Geometry
 
     def added(self, trajectory: Trajectory) -> Array | float:
-        """Way and turn that something else adds in each step of a grid, (N, 3) [m, m, rad]."""
+        """Way forward and to the left [m] and turn [rad] that something else adds in each step of
+        a grid, (N, 3)."""
         return 0.0
 
     def errors(self, parts: Sequence[Part]) -> Array:
         """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        return errors_of(self.q, self.geometry, parts, [self.added(p.trajectory) for p in parts])
+        return np.concatenate([self._window_errors(p.trajectory, p.windows) for p in parts])
 
     def predicted_pose(self, trajectory: Trajectory) -> Array:
         """x, y [m], ψ [rad] that the trajectory's source would read, from any start, (M, 3)."""
-        return pose_read(self.q, trajectory, self.geometry, self.added(trajectory))
+        q = self.q
+        x, y, psi = self._path(trajectory).T
+        late = trajectory.at - q[AT["pose_lag"]]
+        heading = np.interp(late, trajectory.nodes, psi)
+        c, s = np.cos(heading), np.sin(heading)
+        ahead, left = q[AT["marker_x"]], q[AT["marker_y"]]
+        return np.column_stack(
+            [
+                np.interp(late, trajectory.nodes, x) + c * ahead - s * left,
+                np.interp(late, trajectory.nodes, y) + s * ahead + c * left,
+                np.interp(trajectory.at - q[AT["heading_lag"]], trajectory.nodes, psi)
+                + q[AT["heading_offset"]],
+            ]
+        )
 
     def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
-        step = trajectory.step
-        forward, yaw_rate = body_speeds(self.q, trajectory.omega, step, self.geometry)
+        forward, yaw_rate = self._body_speeds(trajectory)
         added = np.broadcast_to(self.added(trajectory), (len(forward), 3))
-        return forward * step + added[:, 0], yaw_rate * step + added[:, 2]
+        return forward * trajectory.step + added[:, 0], yaw_rate * trajectory.step + added[:, 2]
+
+    def _body_speeds(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Forward speed [m/s] and yaw rate [rad/s] of wheels alone in each step, (N,) each."""
+        q, step = self.q, trajectory.step
+        share = float(q[AT["slip_turning"]])
+        ground = Ground((SLIP,), {SLIP: {SLIP_SHARE: np.full(2, share)}}) if share else Ground()
+        rolled = ground.rolled(trajectory.omega) * q[:2]
+        fast = q[AT["slip_speed"]]
+        if fast:
+            speed = self.geometry.r * np.abs(rolled).mean(axis=1)
+            rolled = rolled * (1.0 - fast * speed)[:, None]
+        forward, yaw_rate = body_velocity(rolled[:, 0], rolled[:, 1], self.geometry)
+        yaw_rate = yaw_rate * q[AT["effective_width"]]
+        return (
+            _following(forward, q[AT["slip_load"]], step),
+            _following(yaw_rate, q[AT["yaw_lag"]], step),
+        )
+
+    def _path(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin."""
+        forward, yaw_rate = self._body_speeds(trajectory)
+        along, turn = forward * trajectory.step, yaw_rate * trajectory.step
+        aside = -self.q[AT["side_slip"]] * forward * turn
+        added = np.broadcast_to(self.added(trajectory), (len(along), 3))
+        return chained_arcs(along + added[:, 0], turn + added[:, 2], aside + added[:, 1])
+
+    def _window_errors(self, trajectory: Trajectory, windows: Index) -> Array:
+        offset = float(self.q[AT["heading_offset"]])
+        measured = increments(trajectory.pose, windows, offset)
+        error = measured - increments(self.predicted_pose(trajectory), windows, offset)
+        error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
+        return error
+
+
+def nothing(trajectory: Trajectory) -> float:
+    """What is added to wheels that do what their numbers say."""
+    return 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Kinematic(Motion):
-    """Wheels that roll: what such a vehicle does, and the model that others start from."""
+    """Wheels of these numbers: what such a vehicle does, and the model that others start from.
+
+    Attributes:
+        more: what something else adds; see :meth:`Motion.added`.
+    """
 
     geometry: Geometry
     q: Array = field(default_factory=NULLS.copy)
+    more: Callable[[Trajectory], Array | float] = nothing
 
-
-def errors_of(
-    q: Array, geometry: Geometry, parts: Sequence[Part], more: Sequence[Array | float] | None = None
-) -> Array:
-    """Measured less predicted increments of all windows, (W, 3) [m, m, rad]."""
-    return np.concatenate(
-        [
-            window_errors(q, p.trajectory, geometry, p.windows, m)
-            for p, m in zip(parts, more or (0.0,) * len(parts), strict=True)
-        ]
-    )
+    def added(self, trajectory: Trajectory) -> Array | float:
+        return self.more(trajectory)
 
 
 def _following(values: Array, lag: float, step: float) -> Array:

@@ -125,8 +125,8 @@ class VehicleFit:
     @cached_property
     def drift(self) -> tuple[Drift, Drift]:
         """How errors grow with the way, before and after."""
-        long, driven = long_stretches(self.holdout), self.model.driven
-        first, last = (drift(m.errors, driven, long) for m in (Kinematic(self.known), self.model))
+        long, models = long_stretches(self.holdout), (Kinematic(self.known), self.model)
+        first, last = (drift(m.errors, self.model, long) for m in models)
         return first, last
 
     @cached_property
@@ -201,7 +201,7 @@ class VehicleFit:
         notes = list(self.trajectories.notes)
         if isinstance(self.model, DynamicFit):
             notes += self.model.powered.notes
-        way = mean_way(self.model.driven, self.holdout)
+        way = mean_way(self.model, self.holdout)
         if self.after.path > STILL_OFF * way:
             notes.append(
                 f"With these parameters the position error is {100 * self.after.path / way:.0f} % "

@@ -36,24 +36,22 @@ STANDING = References(0.0, 0.0, False)
 """What guidance asks of a robot while nothing is to be said of it."""
 
 
-def sentence(
-    outcome: Outcome,
-    mission: Mission,
-    log: Mapping[str, Array],
-    last: References = STANDING,
-) -> str:
-    """One sentence on the end of a mission, with the next step."""
+def ending(
+    outcome: Outcome, mission: Mission, log: Mapping[str, Array], last: References = STANDING
+) -> tuple[str, Stuck | None]:
+    """One sentence on the end of a mission, with the next step; why and where it is stuck."""
     guidance = mission.guidance.advice
     if outcome in (Outcome.ARRIVED, Outcome.MISSED):
-        return _arrived(outcome, mission, float(_to_goal(mission, log)[-1]))
+        return _arrived(outcome, mission, float(_to_goal(mission, log)[-1])), None
     if outcome is Outcome.TIMEOUT:
         faster = _either("raise timeout", guidance.faster)
         led = f" while it was led out of {_HOLD_WORDS[Hold(int(last.hold))]}" if last.detour else ""
-        return f"Time ran out before the goal was reached{led}: {faster}."
+        return f"Time ran out before the goal was reached{led}: {faster}.", None
     if outcome is Outcome.COLLISION:
         advice = _either(guidance.wider, guidance.slower) or "lead it farther away from obstacles"
-        return f"The robot touched an obstacle: {advice}."
-    return _stuck(mission, log, last)[1]
+        return f"The robot touched an obstacle: {advice}.", None
+    reason, words = _stuck(mission, log, last)
+    return words, Stuck(reason, (float(log["x"][-1]), float(log["y"][-1])))
 
 
 def _arrived(outcome: Outcome, mission: Mission, away: float) -> str:
@@ -67,12 +65,6 @@ def _arrived(outcome: Outcome, mission: Mission, away: float) -> str:
         f"The estimated pose reached the goal, but the robot is {away:.2g} m from it: its wheels "
         "slip or its sensors err; add a position sensor to navigation."
     )
-
-
-def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck:
-    """Why and where a robot got nowhere."""
-    place = float(log["x"][-1]), float(log["y"][-1])
-    return Stuck(_stuck(mission, log, last)[0], place)
 
 
 _HOLD_WORDS = {

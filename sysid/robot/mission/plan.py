@@ -19,8 +19,7 @@ from sysid.robot.mission.contracts import (
     Pose,
     Scene,
 )
-from sysid.robot.mission.guidance.field import PotentialField, attractive_force, repulsive_force
-from sysid.robot.mission.guidance.field import speed_reference as field_speed
+from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.spec import Mission
 
 
@@ -240,13 +239,13 @@ def _curves(
 def _attraction(law: PotentialField) -> Curves:
     """Size of the attraction against the distance to the goal (thesis 6.25)."""
     x = np.linspace(0.0, max(4.0, 2.0 * law.d), 161)
-    return _curves(law, "K", x, lambda g: abs(attractive_force(-x, 0.0, (0.0, 0.0), g)[0]))
+    return _curves(law, "K", x, lambda g: abs(g.attraction(-x, 0.0, (0.0, 0.0))[0]))
 
 
 def _repulsion(law: PotentialField) -> Curves:
     """Size of the repulsion against the distance to an obstacle's point (thesis 6.26)."""
     x, point = np.linspace(0.15, 1.2 * law.rho0, 161), Disc(0.0, 0.0, 0.0)
-    return _curves(law, "eta", x, lambda g: abs(repulsive_force(x, 0.0 * x, point, g)[0]))
+    return _curves(law, "eta", x, lambda g: abs(g.repulsion(x, 0.0 * x, point)[0]))
 
 
 def _speeds(law: PotentialField) -> tuple[Curves, ...]:
@@ -254,6 +253,6 @@ def _speeds(law: PotentialField) -> tuple[Curves, ...]:
     x = np.linspace(0.0, 5.0, 201)
 
     def speed(gains: PotentialField) -> Array:
-        return np.asarray(field_speed(x, 0.0 * x, (0.0, 0.0), (), gains))
+        return np.asarray(gains.speed(x, 0.0 * x, (0.0, 0.0), ()))
 
     return tuple(_curves(law, gain, x, speed) for gain in ("theta", "h", "Kg"))

@@ -21,7 +21,7 @@ from sysid.robot.mission.contracts import (
     SteppablePlant,
     TurnsTracks,
 )
-from sysid.robot.mission.ending import sentence, stuck
+from sysid.robot.mission.ending import ending
 from sysid.robot.mission.loop import (
     COLUMNS,
     CommandShaper,
@@ -130,7 +130,7 @@ def result_of(
             "message, and start both again"
         )
     final, believed = (Pose(*map(float, b.pose)) for b in (state.body, state.estimate))
-    last = state.references
+    words, stuck = ending(outcome, mission, log, state.references)
     return MissionResult(
         outcome=outcome,
         time_s=float(table[-1, 0]),
@@ -144,8 +144,8 @@ def result_of(
             np.max(off_line(log["x"], log["y"], mission.start, mission.goal, np))
         ),
         log=log,
-        sentence=sentence(outcome, mission, log, last),
-        stuck=stuck(mission, log, last) if outcome is Outcome.STUCK else None,
+        sentence=words,
+        stuck=stuck,
     )
 
 

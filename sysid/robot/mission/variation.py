@@ -161,8 +161,10 @@ class Variation(Settings):
         usual = Variation(models=True)
         return Variation.model_construct(
             **{
-                name: (getattr(self, name) or getattr(usual, name)) if name in names else off
-                for name, off in _OFF.items()
+                name: (getattr(self, name) or getattr(usual, name))
+                if name in names
+                else getattr(_OFF, name)
+                for name in QUANTITIES
             }
         )
 
@@ -172,14 +174,6 @@ class Variation(Settings):
 
 
 _PARTS = {"start": ("x", "y", "psi"), "friction": ("dry", "slip")}
-_OFF: dict[str, Any] = {
-    "parameters": 0.0,
-    "noise": False,
-    "start": StartSpread(x=Spread(), y=Spread(), psi=Spread()),
-    "obstacles": Spread(),
-    "friction": FrictionSpread(dry=Spread(), slip=Spread()),
-    "soil": 0.0,
-    "mass": Spread(),
-    "models": False,
-}
+
+_OFF = Variation.model_validate(dict.fromkeys(QUANTITIES, False))
 """Every quantity without variation."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sysid.data.documents import plain_object
-from sysid.data.files import contents, write_atomic
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.yaml_files.source import read_yaml
@@ -17,7 +16,7 @@ from sysid.effects.measured import Measured
 from sysid.errors import UsageError
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.mission.spec import load_mission
-from sysid.robot.mission.tuning.written import replaced
+from sysid.robot.mission.tuning.written import rewritten
 from sysid.testbench.power.battery import HOUR, Battery, fit_battery
 from sysid.testbench.power.bridge import Bridge, fit_bridge
 from sysid.testbench.power.power_log import ANY_FILE, PowerLog, read_power_log
@@ -177,9 +176,7 @@ def write_supply(mission: Path, bench: PowerBench) -> Path:
         raise UsageError("no measured value belongs to a mission's vehicle.supply")
     vehicle = {**(values.get("vehicle") or {})}
     vehicle["supply"] = {**(vehicle.get("supply") or {}), **keys}
-    text = contents(mission).decode("utf-8-sig")
-    write_atomic(mission, replaced(text, values, "vehicle", vehicle))
-    load_mission(mission)
+    rewritten(mission, None, {"vehicle": vehicle})
     return mission
 
 

@@ -64,22 +64,22 @@ def test_a_turn_on_the_spot_is_that_of_points_with_friction() -> None:
     state, turning = mujoco.start, 6.0
     for part in (0.5, 1.0, 1.0, 1.0, 1.0):
         row = turning * part * np.array([-1.0, 1.0])
-        state, result = mujoco.advance(state, np.tile(row, (200, 1)), 0.0)
+        state, result, _ = mujoco.advance(state, np.tile(row, (200, 1)), 0.0)
     # the bench's judge allows the engine a hundredth, too
     assert 2.0 * STAND_IN.r * turning / result.yaw_rate == pytest.approx(
         scrub(STAND_IN)[1], rel=0.01
     )
     assert mujoco.speeds == pytest.approx((-turning, turning), rel=2e-3)
-    assert math.hypot(result.x, result.y) < 1e-3
+    assert math.hypot(*result.pose[:2]) < 1e-3
 
 
 def test_wheels_that_speed_up_faster_than_friction_allows_spin() -> None:
     mujoco = engine(STAND_IN)
-    state, early = mujoco.advance(mujoco.start, np.full((100, 2), 20.0), 0.0)
-    _, late = mujoco.advance(state, np.full((200, 2), 20.0), 0.0)
-    gained = (late.vx - early.vx) / 0.2
+    state, early, _ = mujoco.advance(mujoco.start, np.full((100, 2), 20.0), 0.0)
+    _, late, _ = mujoco.advance(state, np.full((200, 2), 20.0), 0.0)
+    gained = (late.speed - early.speed) / 0.2
     assert gained == pytest.approx(STAND_IN.friction * 9.81, rel=0.02)  # springs sway
-    assert late.vx < 0.7 * 20.0 * STAND_IN.r
+    assert late.speed < 0.7 * 20.0 * STAND_IN.r
 
 
 def test_machines_of_all_masses_move_alike() -> None:
@@ -89,7 +89,7 @@ def test_machines_of_all_masses_move_alike() -> None:
         )[1]
         for m in (0.3, 30.0)
     )
-    assert light[:6] == pytest.approx(heavy[:6], abs=1e-4)
+    assert (*light.pose, *light[1:]) == pytest.approx((*heavy.pose, *heavy[1:]), abs=1e-4)
 
 
 def test_an_obstacle_stops_the_body_before_its_middle_gets_there() -> None:

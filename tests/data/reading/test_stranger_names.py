@@ -14,7 +14,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.roles import roles
 from sysid.data.record import Channel, Record
 from sysid.data.units import conversion, from_name
-from sysid.errors import SysidError, UsageError
+from sysid.errors import SysidError, UnclearColumnsError, UsageError
 
 # ------------------------------------------------------------------------------------------ names
 
@@ -122,6 +122,7 @@ def test_names(names: str, chosen: str) -> None:
         ("lift/mm temperature/°C", "lift > temperature"),
         ("Bohrung/mm u", "u > Bohrung"),
         ("supply/V shaft/rpm", "supply > shaft"),
+        ("Blower/% DO/mg/l", "Blower > DO"),
     ],
 )
 def test_units_behind_names(names: str, chosen: str) -> None:
@@ -129,6 +130,14 @@ def test_units_behind_names(names: str, chosen: str) -> None:
     units = dict(n.partition("/")[::2] for n in names.split())
     choice = choose_columns({"t": "", **units})
     assert chosen == f"{' '.join(choice.inputs)} > {' '.join(choice.outputs)}"
+
+
+@pytest.mark.parametrize("names", ["Blower/% DO/mg/l Temp/°C", "FU_Sollwert/Hz Hoehe/cm Wind/m/s"])
+def test_beside_a_command_a_unit_says_as_much_as_a_word(names: str) -> None:
+    """Of what two sensors read the one with a known name is not taken silently."""
+    units = dict(n.partition("/")[::2] for n in names.split())
+    with pytest.raises(UnclearColumnsError, match="the output can be"):
+        choose_columns({"t": "", **units})
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """What acts seldom changes few blocks, and t stays below 2 however sure they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,16 @@ def test_one_or_a_few_blocks_are_not(bursts: dict[int, float]) -> None:
 def test_ranks_must_stand_the_correction() -> None:
     six = {1: 0.2, 3: 0.3, 5: 3.0, 14: 0.25, 16: 0.6, 18: 0.4}  # by ranks 1 in 64, of 30 tried
     assert not evidence(six).significant
+
+
+def test_what_only_its_numbers_cost_acceptance_may_be_right_too() -> None:
+    """A dead zone has two widths and friction one level: in a short log ΔBIC decides by that."""
+    friction = Evidence(-6.3, 5.0, 1.0, 0.57, 0.003)
+    dead_zone = Evidence(-2.1, 5.3, 1.0, 0.53, 0.002)
+    assert not dead_zone.accepted
+    assert dead_zone.rivals(friction)
+    assert not dead_zone.rivals(replace(friction, delta_bic=-9.0))  # more than 6 apart
+    assert not replace(dead_zone, ratio=0.95).rivals(friction)
+    in_loop = replace(dead_zone, ratio=0.71, needed=0.7)  # whether to name, not what
+    assert in_loop.rivals(replace(friction, ratio=0.67, needed=0.7))
+    assert replace(dead_zone, delta_bic=-7.0).rivals(replace(friction, delta_bic=-90.0))

@@ -81,6 +81,22 @@ def test_a_column_that_is_not_used_comes_before_time() -> None:
     assert all(s.place != "unused column" for s in diagnose([log]).shapes)
 
 
+def test_an_effect_is_compared_where_the_log_has_been() -> None:
+    """Milk that is warmed by steam, at flows from 2400 to 3600 l/h: none of it at a flow of 0."""
+    rng = np.random.default_rng(7)
+    valve = 45.0 + 12.0 * _held(rng, 2000, 40, 110)
+    flow = 3000.0 + 600.0 * _held(rng, 2000, 100, 300)
+    warm = 8.0 + _lagged(4140.0 * valve / flow, 30.0, 2.0) + rng.normal(0.0, 0.06, 2000)
+    inputs, outputs = (Channel("valve", ""),), (Channel("T_out", "degC"),)
+    log = Record(valve[:, None], warm[:, None], 2.0, inputs, outputs)
+    found = diagnose([replace(log, unused=flow[:, None], unused_names=("flow",))])
+    (shape,) = found.shapes
+    assert "goes with flow, which is not used here: where that is largest" in shape.sentence
+    times = re.search(r"it is ([\d.]+) times that where it is smallest", shape.sentence)
+    assert times is not None
+    assert float(times[1]) == pytest.approx(2400.0 / 3600.0, abs=0.15)
+
+
 def test_a_switch_that_the_output_settles_is_no_cause() -> None:
     """A train that does not roll back at standstill, and its doors, which open there."""
     rng = np.random.default_rng(6)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array
+from sysid.robot.mission.axis import FirstOrder
 from sysid.robot.mission.navigation.delays import BufferedSample
 from sysid.robot.mission.navigation.design import Design
 from sysid.robot.mission.navigation.ekf import ExtendedKalman
 from sysid.robot.mission.navigation.fusion import Belief
 from sysid.robot.mission.navigation.gaussian import Gaussian
 from sysid.robot.mission.navigation.measurements import Group, Setting
-from sysid.robot.mission.navigation.process import POSE_AND_SPEEDS, Process, Response
+from sysid.robot.mission.navigation.process import POSE_AND_SPEEDS, Process
 from sysid.robot.mission.navigation.ukf import UnscentedKalman
 from sysid.vehicle.kinematics import Geometry
 
@@ -120,7 +121,7 @@ FIXES = Group("position_fixes", ("fix_x", "fix_y"), (0.01, 0.01))
             Process((*POSE_AND_SPEEDS, "x_vo", "y_vo", "psi_vo", "v_acc"), 0.05, 2.0, (0.0,) * 9),
             0.0,
         ),
-        (Process(POSE_AND_SPEEDS, 0.05, 2.0, (0.0,) * 5, response=Response(0.3, 0.43)), 0.5),
+        (Process(POSE_AND_SPEEDS, 0.05, 2.0, (0.0,) * 5, response=FirstOrder(0.43, 0.3)), 0.5),
     ],
     ids=["slip", "added-up", "frames", "response"],
 )

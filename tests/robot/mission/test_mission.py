@@ -17,14 +17,10 @@ from sysid.robot.mission.contracts import (
     Pose,
     References,
 )
-from sysid.robot.mission.control.pi_p import SpeedPIYawP, speed_command, yaw_command
+from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import (
     InitialTurn,
     PotentialField,
-    attractive_force,
-    repulsive_force,
-    speed_reference,
-    total_force,
 )
 from sysid.robot.mission.loop import COLUMNS, command_module
 from sysid.robot.mission.result import Outcome
@@ -156,7 +152,7 @@ def test_forces_are_minus_the_gradient_of_their_potentials(x: float, y: float) -
         return GAINS.K * attraction + 0.5 * GAINS.eta * near**2
 
     assume(math.hypot(x - obstacle.x, y - obstacle.y) > 0.1)  # finite differences need room
-    force = total_force(x, y, (0.0, 0.0), (obstacle,), GAINS)
+    force = GAINS.force(x, y, (0.0, 0.0), (obstacle,))
     slope_x = (potential(x + h, y) - potential(x - h, y)) / (2 * h)
     slope_y = (potential(x, y + h) - potential(x, y - h)) / (2 * h)
     # Third derivative η/ρ⁵ ≈ 5e3 times h² and rounding 1e-16/h, with a margin for kinks at d, ρ₀.
@@ -169,33 +165,32 @@ def test_the_field_is_continuous_at_d_and_at_rho0(d: float, rho0: float, angle: 
     spec = PotentialField(d=d, rho0=rho0)
     c, s = math.cos(angle), math.sin(angle)
     inside, outside = (
-        attractive_force(d * k * c, d * k * s, (0.0, 0.0), spec) for k in (1 - 1e-9, 1 + 1e-9)
+        spec.attraction(d * k * c, d * k * s, (0.0, 0.0)) for k in (1 - 1e-9, 1 + 1e-9)
     )
     assert inside == pytest.approx(outside, abs=1e-8)
     assert math.hypot(*outside) == pytest.approx(spec.K * d)
-    at_edge = repulsive_force(
-        rho0 * (1 - 1e-9) * c, rho0 * (1 - 1e-9) * s, Obstacle(x=0, y=0), spec
-    )
+    near = rho0 * (1 - 1e-9)
+    at_edge = spec.repulsion(near * c, near * s, Obstacle(x=0, y=0))
     # The slope there is η/ρ₀⁴ ≤ 500 per metre, over 1e-9·ρ₀.
     assert math.hypot(*at_edge) < 1e-6
-    assert repulsive_force(rho0 * 1.001 * c, rho0 * 1.001 * s, Obstacle(x=0, y=0), spec) == (0, 0)
+    assert spec.repulsion(rho0 * 1.001 * c, rho0 * 1.001 * s, Obstacle(x=0, y=0)) == (0, 0)
 
 
 def test_repulsion_points_away_and_survives_the_obstacles_very_point() -> None:
-    fx, fy = repulsive_force(0.3, 0.0, Obstacle(x=0.0, y=0.0), GAINS)
+    fx, fy = GAINS.repulsion(0.3, 0.0, Obstacle(x=0.0, y=0.0))
     assert fx == pytest.approx(0.05 * (1 / 0.3 - 1 / 0.7) / 0.09)
     assert fy == 0.0
-    assert all(map(math.isfinite, repulsive_force(0.0, 0.0, Obstacle(x=0.0, y=0.0), GAINS)))
+    assert all(map(math.isfinite, GAINS.repulsion(0.0, 0.0, Obstacle(x=0.0, y=0.0))))
 
 
 def test_speed_reference_has_the_published_values() -> None:
     """At 20 cm from the goal the speed is half of its maximum (thesis 6.2.5)."""
-    assert speed_reference(0.8, 0.0, (1.0, 0.0), (), GAINS) == pytest.approx(0.15)
+    assert GAINS.speed(0.8, 0.0, (1.0, 0.0), ()) == pytest.approx(0.15)
     near, far = Obstacle(x=0.8, y=0.5), Obstacle(x=0.8, y=-0.71)
-    with_both = speed_reference(0.8, 0.0, (1.0, 0.0), (near, far), GAINS)
+    with_both = GAINS.speed(0.8, 0.0, (1.0, 0.0), (near, far))
     assert with_both == pytest.approx(0.3 * 2 / (2 + 0.4 / 0.2 + 1 / 0.5))  # only one in range
-    assert speed_reference(1.0, 0.0, (1.0, 0.0), (), GAINS) < 1e-5
-    assert speed_reference(-1e6, 0.0, (1.0, 0.0), (), GAINS) == pytest.approx(0.3)
+    assert GAINS.speed(1.0, 0.0, (1.0, 0.0), ()) < 1e-5
+    assert GAINS.speed(-1e6, 0.0, (1.0, 0.0), ()) == pytest.approx(0.3)
 
 
 @law
@@ -238,7 +233,7 @@ def test_guidance_reports_arrival_within_the_tolerance_only() -> None:
 def test_the_pi_is_proportional_plus_sum_inside_its_limits() -> None:
     integral, error = 0.0, 0.1
     for n in range(1, 6):
-        command, integral = speed_command(error, integral, 0.1, LIMITS)
+        command, integral = LIMITS.speed_command(error, integral, 0.1)
         assert command == pytest.approx(2.0 * error + 1.85 * error * 0.1 * n)
 
 
@@ -246,11 +241,11 @@ def test_the_pi_is_proportional_plus_sum_inside_its_limits() -> None:
 def test_the_integral_does_not_wind_up(error: float, limit: float) -> None:
     integral = 0.5
     for _ in range(100):
-        command, integral = speed_command(error, integral, 0.1, LIMITS)
+        command, integral = LIMITS.speed_command(error, integral, 0.1)
         assert command == limit
     assert integral == 0.5
     # It unwinds at once when the error changes sign, even while the command is on the limit.
-    _, unwound = speed_command(-0.01 * error, 3.0 * error, 0.1, LIMITS)
+    _, unwound = LIMITS.speed_command(-0.01 * error, 3.0 * error, 0.1)
     assert abs(unwound) < 3.0
 
 
@@ -281,7 +276,7 @@ def test_the_speed_loop_has_no_steady_error() -> None:
 def test_the_yaw_command_takes_the_short_way_and_saturates(
     psi_ref: float, psi: float, command: float
 ) -> None:
-    assert yaw_command(psi_ref, psi, LIMITS) == pytest.approx(command)
+    assert LIMITS.yaw_command(psi_ref, psi) == pytest.approx(command)
 
 
 @pytest.mark.parametrize(

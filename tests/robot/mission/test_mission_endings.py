@@ -11,7 +11,7 @@ from mission_cases import Robot, goal
 from sysid.data.record import Array, Channel
 from sysid.errors import ModelError, UsageError
 from sysid.robot.mission.contracts import ROBOT_INPUTS, Body, NavigationInputs, Scene
-from sysid.robot.mission.ending import sentence
+from sysid.robot.mission.ending import ending
 from sysid.robot.mission.loop import COLUMNS
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
 from sysid.robot.mission.navigation.dead_reckoning import Odometry
@@ -108,7 +108,7 @@ def test_a_start_at_the_goal_has_arrived() -> None:
 
 def test_every_outcome_has_a_sentence() -> None:
     result = simulate(goal(5, 0, timeout=12), Robot())
-    said = [sentence(outcome, goal(5, 0), result.log) for outcome in Outcome]
+    said = [ending(outcome, goal(5, 0), result.log)[0] for outcome in Outcome]
     assert all(text.endswith(".") for text in said)
     assert len(set(said)) == len(said)
 

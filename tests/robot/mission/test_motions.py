@@ -11,7 +11,7 @@ from benchmarks.agreement import TOLERANCE, agreement
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import DataError, ModelError
-from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.sampler import Numbers, run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Body, MotionInputs, Pose, SensorInputs
 from sysid.robot.mission.monte_carlo.runs import chunks, runner_of
@@ -289,7 +289,8 @@ def test_mass_and_soil_vary_as_the_mission_says(vary, there: set[str]) -> None:
     seeds = run_seeds(1, 400)
     sampler = setup.plant_variants[0].sampler
     samples = sampler.draw(seeds)
-    scenes = [sampler.physics.scene(mission.scene(), row.tolist()) for row in samples.physics]
+    runs = (Numbers(*(v[k].tolist() for v in samples.numbers)) for k in range(len(seeds)))
+    scenes = [sampler.varied(run).scene() for run in runs]
     spread = float(np.std([s.car.mass for s in scenes]))  # 400 draws tell it to ± 4 %
     assert spread == pytest.approx(2.0 * (vary.get("mass", 0.02) or 0.0), rel=0.15)
     soil = mission.scene().floor.soil

@@ -7,7 +7,7 @@ import pytest
 from command_line import Capture, run
 from mission_cases import AROUND, goal
 
-from sysid.robot.mission.guidance.field import PotentialField, total_force
+from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.plan import plan
 
 
@@ -16,7 +16,7 @@ def test_the_force_is_the_slope_of_the_potential() -> None:
     places = np.random.default_rng(3).uniform((0, 0), (6, 4), (300, 2))
     clear = [min(np.hypot(x - o.x, y - o.y) for o in scene.obstacles) > 0.15 for x, y in places]
     x, y = places[np.array(clear)].T
-    fx, fy = total_force(x, y, scene.goal, scene.obstacles, law)
+    fx, fy = law.force(x, y, scene.goal, scene.obstacles)
     for force, dx, dy in ((fx, step, 0.0), (fy, 0.0, step)):
         up = law.potential(x + dx, y + dy, scene, np)
         down = law.potential(x - dx, y - dy, scene, np)

@@ -1,19 +1,20 @@
 """Guidance, control, command module, navigation and motion of a mission, to be recorded as C."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from sysid.effects.catalogue import effect
 from sysid.export.c.loop.block import Law
 from sysid.export.c.loop.laws import described, documented, numbers, with_numbers
-from sysid.export.c.loop.trees import Path, identifier
+from sysid.export.c.loop.trees import Path, identifier, leaves, mapped
 from sysid.robot.mission.contracts import (
     Body,
     Command,
     ControlInputs,
     GuidanceInputs,
     NavigationInputs,
+    Point,
     Pose,
     References,
     Scene,
@@ -24,13 +25,6 @@ from sysid.runners.trace.traced import TRACE
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]
-
-
-class Lengths(NamedTuple):
-    """Lengths of a vehicle that may be parameters of C."""
-
-    r: Any
-    B: Any
 
 
 ESTIMATE = {"x": 0.0, "y": 0.0, "psi": 0.0, "speed": 0.0, "yaw_rate": 0.0}
@@ -47,52 +41,48 @@ def flat(body: Body) -> dict[str, Any]:
     return dict(zip(ESTIMATE, (*body.pose, body.speed, body.yaw_rate), strict=True))
 
 
+def _tree(scene: Scene) -> dict[str, Any]:
+    """What of a scene may change from mission to mission, as nested numbers."""
+
+    def places(points: Sequence[Point]) -> dict[str, dict[str, Any]]:
+        return {str(k): dict(zip("xy", p, strict=True)) for k, p in enumerate(points, 1)}
+
+    obstacles = (
+        {k: v for k, v in o._asdict().items() if k not in ("vx", "vy") or o.vx != 0 or o.vy != 0}
+        for o in scene.obstacles
+    )
+    return {
+        "start": scene.start._asdict(),
+        "goal": dict(zip("xy", scene.goal, strict=True)),
+        "tolerance": scene.tolerance,
+        "vehicle": {"r": scene.geometry.r, "B": scene.geometry.B},
+        "obstacle": {str(k): numbers for k, numbers in enumerate(obstacles, 1)},
+        "waypoint": places(scene.way),
+        "path": places(scene.path),
+    }
+
+
 def scene_numbers(scene: Scene) -> dict[Path, float]:
     """Numbers of a scene that may change from mission to mission, by place."""
-    by_path: dict[Path, float] = {
-        **{("start", k): v for k, v in scene.start._asdict().items()},
-        ("goal", "x"): scene.goal[0],
-        ("goal", "y"): scene.goal[1],
-        ("tolerance",): scene.tolerance,
-        ("vehicle", "r"): scene.geometry.r,
-        ("vehicle", "B"): scene.geometry.B,
-    }
-    for k, obstacle in enumerate(scene.obstacles, 1):
-        moving = obstacle.vx != 0.0 or obstacle.vy != 0.0
-        for name, value in obstacle._asdict().items():
-            if moving or name not in ("vx", "vy"):
-                by_path["obstacle", str(k), name] = value
-    for k, place in enumerate(scene.way, 1):
-        by_path |= {("waypoint", str(k), n): v for n, v in zip("xy", place, strict=True)}
-    for k, place in enumerate(scene.path, 1):
-        by_path |= {("path", str(k), n): v for n, v in zip("xy", place, strict=True)}
-    return {p: float(v) for p, v in by_path.items()}
+    return {p: float(v) for p, v in leaves(_tree(scene))}
 
 
 def with_scene_numbers(scene: Scene, given: Numbers) -> Scene:
     """The scene with other numbers at these places."""
-
-    def at(default: Any, *path: str) -> Any:
-        return given.get(path, default)
-
-    def places(name: str, points: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(
-            (at(p[0], name, str(k), "x"), at(p[1], name, str(k), "y"))
-            for k, p in enumerate(points, 1)
-        )
-
-    lengths = Lengths(at(scene.geometry.r, "vehicle", "r"), at(scene.geometry.B, "vehicle", "B"))
+    there = mapped(_tree(scene), lambda p, v: given.get(p, v))
+    obstacles = zip(scene.obstacles, there["obstacle"].values(), strict=True)
+    way, path = (
+        tuple(tuple(point.values()) for point in there[name].values())
+        for name in ("waypoint", "path")
+    )
     return scene._replace(
-        start=Pose(*(at(v, "start", k) for k, v in scene.start._asdict().items())),
-        goal=(at(scene.goal[0], "goal", "x"), at(scene.goal[1], "goal", "y")),
-        tolerance=at(scene.tolerance, "tolerance"),
-        geometry=cast(Geometry, lengths),
-        obstacles=tuple(
-            o._replace(**{n: at(v, "obstacle", str(k), n) for n, v in o._asdict().items()})
-            for k, o in enumerate(scene.obstacles, 1)
-        ),
-        way=places("waypoint", scene.way),
-        path=places("path", scene.path),
+        start=Pose(**there["start"]),
+        goal=tuple(there["goal"].values()),
+        tolerance=there["tolerance"],
+        geometry=Geometry(**there["vehicle"]),
+        obstacles=tuple(o._replace(**numbers) for o, numbers in obstacles),
+        way=way,
+        path=path,
     )
 
 

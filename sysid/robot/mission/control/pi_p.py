@@ -40,32 +40,30 @@ class SpeedPIYawP(ControlSettings):
 
     def step(self, state: Real, inputs: ControlInputs, dt: Real, xp: Any) -> tuple[Real, Command]:
         references, estimate = inputs.references, inputs.estimate
-        v_cmd, integral = speed_command(references.speed - estimate.speed, state, dt, self, xp)
-        return integral, Command(v_cmd, yaw_command(references.psi, estimate.pose.psi, self, xp))
+        v_cmd, integral = self.speed_command(references.speed - estimate.speed, state, dt, xp)
+        return integral, Command(v_cmd, self.yaw_command(references.psi, estimate.pose.psi, xp))
 
+    def speed_command(
+        self, error: Real, integral: Real, period: Real, xp: Any = np
+    ) -> tuple[Real, Real]:
+        """Return V_cmd [drive] of a PI in parallel form, and its new integral.
 
-def speed_command(
-    error: Real, integral: Real, period: Real, gains: SpeedPIYawP, xp: Any = np
-) -> tuple[Real, Real]:
-    """Return V_cmd [drive] of a PI in parallel form, and its new integral.
+        V_cmd = sat(K_p e + I),  I ← I + K_i e T     (thesis 4.32, 6.1)
 
-    V_cmd = sat(K_p e + I),  I ← I + K_i e T     (thesis 4.32, 6.1)
+        Anti-windup by conditional integration. (Back-calculation would add a gain that the thesis
+        does not have.)
 
-    Anti-windup by conditional integration. (Back-calculation would add a gain that the thesis
-    does not have.)
+        Args:
+            error: e = V_ref − V_x [m/s].
+            integral: I before this sample [drive].
+            period: T [s].
+        """
+        grown = integral + self.ki_speed * error * period
+        command = self.kp_speed * error + grown
+        kept = conditional(grown, integral, command, (self.v_cmd_min, self.v_cmd_max), xp)
+        return xp.clip(command, self.v_cmd_min, self.v_cmd_max), kept
 
-    Args:
-        error: e = V_ref − V_x [m/s].
-        integral: I before this sample [drive].
-        period: T [s].
-    """
-    grown = integral + gains.ki_speed * error * period
-    command = gains.kp_speed * error + grown
-    kept = conditional(grown, integral, command, (gains.v_cmd_min, gains.v_cmd_max), xp)
-    return xp.clip(command, gains.v_cmd_min, gains.v_cmd_max), kept
-
-
-def yaw_command(psi_ref: Real, psi: Real, gains: SpeedPIYawP, xp: Any = np) -> Real:
-    """Return ψ_cmd = sat(K_pψ e) [drive] with e = ψ_ref − ψ wrapped to (−π, π] (thesis 6.2)."""
-    command = gains.kp_yaw * wrap_angle(psi_ref - psi)
-    return xp.clip(command, -gains.psi_cmd_max, gains.psi_cmd_max)
+    def yaw_command(self, psi_ref: Real, psi: Real, xp: Any = np) -> Real:
+        """Return ψ_cmd = sat(K_pψ e) [drive], e = ψ_ref − ψ wrapped to (−π, π] (thesis 6.2)."""
+        command = self.kp_yaw * wrap_angle(psi_ref - psi)
+        return xp.clip(command, -self.psi_cmd_max, self.psi_cmd_max)

@@ -12,9 +12,6 @@ from sysid.robot.mission.guidance.field import (
     InitialTurn,
     PotentialField,
     acting_points,
-    hold_at,
-    is_pushed,
-    speed_reference,
 )
 from sysid.robot.mission.guidance.traps import TRAP, Watch
 from sysid.robot.mission.traits import Hold
@@ -86,9 +83,9 @@ class Escaping(AroundLaw):
     ) -> tuple[EscapeState, References]:
         pose, t = inputs.estimate.pose, inputs.t
         turning = state.turn.remaining(pose.psi, xp) > 0.0
-        pushed = is_pushed(pose, inputs.scene, t, self.law, xp)
+        pushed = self.law.is_pushed(pose, inputs.scene, t, xp)
         trapped = state.watch.trapped & pushed & xp.logical_not(turning)
-        named = hold_at(*state.watch.middle(xp), inputs.scene, t, self.law, xp)
+        named = self.law.hold_at(*state.watch.middle(xp), inputs.scene, t, xp)
         hold = xp.where(trapped, named, state.hold)
         way: Any = self.out
         out, seen = way.step(state.out, trapped, state.watch, inputs, dt, xp)
@@ -148,7 +145,7 @@ class VirtualObstacles:
     ) -> tuple[VirtualState, Scene]:  # fmt: skip
         scene = inputs.scene
         rho = scene.to_goal(inputs.estimate.pose, xp)
-        free = xp.logical_not(is_pushed(inputs.estimate.pose, scene, inputs.t, self.field, xp))
+        free = xp.logical_not(self.field.is_pushed(inputs.estimate.pose, scene, inputs.t, xp))
         passed = out.active & (rho < out.rho - WALL.leave) & free
         full = out.used >= VIRTUAL_OBSTACLES
         added = trapped & xp.logical_not(full)
@@ -180,7 +177,7 @@ class VirtualObstacles:
         """The field's own, at the speed that real obstacles allow."""
         pose, scene = inputs.estimate.pose, inputs.scene
         acting = acting_points(scene, pose.x, pose.y, inputs.t, xp)
-        speed = speed_reference(pose.x, pose.y, scene.goal, acting, self.field, xp)
+        speed = self.field.speed(pose.x, pose.y, scene.goal, acting, xp)
         return references._replace(
             speed=xp.where(references.speed > 0.0, speed, 0.0),  # not in the turn on the spot
             detour=out.active,

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from sysid.data.record import Array
 from sysid.robot.mission.clearance import nearest_point
-from sysid.robot.mission.contracts import Body, Disc, GuidanceInputs, Pose, References, Scene
+from sysid.robot.mission.contracts import Body, Disc, GuidanceInputs, Point, Pose, References, Scene
 from sysid.robot.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.robot.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real, wrap_angle
@@ -186,11 +186,11 @@ class PotentialField(GuidanceSettings):
         acting = acting_points(scene, x, y, inputs.t, xp)
         moving = [o for o in acting if moves(o)]
         resting = [o for o in acting if not moves(o)] if moving else acting
-        fx, fy = total_force(x, y, scene.goal, resting, self, xp)
+        fx, fy = self.force(x, y, scene.goal, resting, xp)
         for o in moving:
             rx, ry = moving_force(inputs.estimate, o, self.eta, self.rho0, xp)
             fx, fy = fx + rx, fy + ry
-        speed = speed_reference(x, y, scene.goal, acting, self, xp)
+        speed = self.speed(x, y, scene.goal, acting, xp)
         # Where the forces cancel exactly no direction is better than the present one.
         heading = xp.where((fx == 0) & (fy == 0), psi, xp.arctan2(fy, fx))
         turning = turn.sense != 0
@@ -213,12 +213,12 @@ class PotentialField(GuidanceSettings):
 
     def hold(self, scene: Scene, t: Array, x: Array, y: Array) -> Hold:
         """A local minimum or an oscillation; nothing where nothing repelled."""
-        if not np.any(is_pushed(Pose(x, y, 0.0), scene, t, self)):
+        if not np.any(self.is_pushed(Pose(x, y, 0.0), scene, t)):
             return Hold.NOTHING
         now, middle = float(t[-1]), (float(x.mean()), float(y.mean()))
         # Of several legs it was on the one whose goal the forces cancel before, if any.
         legs = (scene._replace(goal=goal) for goal in scene.targets)
-        holds = [Hold(int(hold_at(*middle, leg, now, self))) for leg in legs]
+        holds = [Hold(int(self.hold_at(*middle, leg, now))) for leg in legs]
         return Hold.LOCAL_MINIMUM if Hold.LOCAL_MINIMUM in holds else Hold.OSCILLATION
 
     def to_go(self, state: InitialTurn, pose: Pose, scene: Scene, xp: Any) -> Real:
@@ -226,22 +226,63 @@ class PotentialField(GuidanceSettings):
         still_to_turn = state.remaining(pose.psi, xp)
         return scene.to_goal(pose, xp) + 0.5 * scene.geometry.B * still_to_turn
 
+    def is_pushed(self, pose: Pose, scene: Scene, t: Real, xp: Any = np) -> Any:
+        """Whether anything repels at a place."""
+        acting = acting_points(scene, pose.x, pose.y, t, xp)
+        fx, fy = self.force(pose.x, pose.y, scene.goal, acting, xp)
+        ax, ay = self.attraction(pose.x, pose.y, scene.goal, xp)
+        return (fx != ax) | (fy != ay)
 
-def is_pushed(pose: Pose, scene: Scene, t: Real, gains: PotentialField, xp: Any = np) -> Any:
-    """Whether anything repels at a place."""
-    acting = acting_points(scene, pose.x, pose.y, t, xp)
-    fx, fy = total_force(pose.x, pose.y, scene.goal, acting, gains, xp)
-    ax, ay = attractive_force(pose.x, pose.y, scene.goal, gains, xp)
-    return (fx != ax) | (fy != ay)
+    def hold_at(self, x: Real, y: Real, scene: Scene, t: Real, xp: Any = np) -> Real:
+        """What holds a robot that goes to and fro about a place, as a number of :class:`Hold`."""
+        fx, fy = self.force(x, y, scene.goal, acting_points(scene, x, y, t, xp), xp)
+        pull = xp.hypot(*self.attraction(x, y, scene.goal, xp))
+        return xp.where(
+            xp.hypot(fx, fy) < CANCELS * pull, int(Hold.LOCAL_MINIMUM), int(Hold.OSCILLATION)
+        )
 
+    def attraction(self, x: Real, y: Real, goal: Point, xp: Any = np) -> Point:
+        """Return F_att: −K(q − q_g) for ρ_g ≤ d, −dK(q − q_g)/ρ_g beyond (4.20, 4.24); in X and
+        Y."""
+        dx, dy = x - goal[0], y - goal[1]
+        distance = xp.hypot(dx, dy)
+        beyond = self.K * self.d / xp.maximum(distance, self.d)
+        gain = xp.where(distance <= self.d, self.K, beyond)
+        return -gain * dx, -gain * dy
 
-def hold_at(x: Real, y: Real, scene: Scene, t: Real, gains: PotentialField, xp: Any = np) -> Real:
-    """What holds a robot that goes to and fro about a place, as a number of :class:`Hold`."""
-    fx, fy = total_force(x, y, scene.goal, acting_points(scene, x, y, t, xp), gains, xp)
-    pull = xp.hypot(*attractive_force(x, y, scene.goal, gains, xp))
-    return xp.where(
-        xp.hypot(fx, fy) < CANCELS * pull, int(Hold.LOCAL_MINIMUM), int(Hold.OSCILLATION)
-    )
+    def repulsion(self, x: Real, y: Real, obstacle: Disc, xp: Any = np) -> Point:
+        """Return F_rep = η(1/ρ − 1/ρ₀)(1/ρ²)∇ρ for ρ ≤ ρ₀, 0 for ρ > ρ₀ (4.22–4.25); in X and Y.
+
+        ρ is the distance to the obstacle's point and ∇ρ the unit vector away from it. The print
+        gives ρ ≤ ρ₀ for both cases.
+        """
+        dx, dy = x - obstacle.x, y - obstacle.y
+        rho = xp.maximum(xp.hypot(dx, dy), NEAREST)
+        push = self.eta * (1.0 / rho - 1.0 / self.rho0) / (rho * rho * rho)
+        outside = rho > self.rho0
+        return xp.where(outside, 0.0, push * dx), xp.where(outside, 0.0, push * dy)
+
+    def force(
+        self, x: Real, y: Real, goal: Point, obstacles: Sequence[Disc], xp: Any = np
+    ) -> Point:
+        """Return F = F_att + Σ F_rep over the obstacles (4.26–4.28); in X and Y."""
+        fx, fy = self.attraction(x, y, goal, xp)
+        for obstacle in obstacles:
+            rx, ry = self.repulsion(x, y, obstacle, xp)
+            fx, fy = fx + rx, fy + ry
+        return fx, fy
+
+    def speed(self, x: Real, y: Real, goal: Point, obstacles: Sequence[Disc], xp: Any = np) -> Real:
+        """Return V_d = V_max θʰ/(θʰ + Δʰ) [m/s], Δ = K_g/ρ_g + Σ K_i/ρ_i (4.30, 4.31).
+
+        The sum runs over the obstacles within ρ₀ only (thesis 6.2.5).
+        """
+        delta = self.Kg / xp.maximum(xp.hypot(x - goal[0], y - goal[1]), NEAREST)
+        for obstacle in obstacles:
+            rho = xp.maximum(xp.hypot(x - obstacle.x, y - obstacle.y), NEAREST)
+            delta = delta + xp.where(rho <= self.rho0, self.Ki / rho, 0.0)
+        ratio = (delta / self.theta) ** self.h  # dividing by θʰ keeps large h within floats
+        return self.v_max / (1.0 + ratio)
 
 
 def acting_points(scene: Scene, x: Real, y: Real, t: Real, xp: Any = np) -> tuple[Disc, ...]:
@@ -251,65 +292,3 @@ def acting_points(scene: Scene, x: Real, y: Real, t: Real, xp: Any = np) -> tupl
     """
     walls = (Disc(*nearest_point(wall, x, y, xp), 0.0) for wall in scene.walls)
     return (*(o.at(t) for o in scene.obstacles), *walls)
-
-
-def attractive_force(
-    x: Real, y: Real, goal: tuple[Real, Real], gains: PotentialField, xp: Any = np
-) -> tuple[Real, Real]:
-    """Return F_att: −K(q − q_g) for ρ_g ≤ d, −dK(q − q_g)/ρ_g beyond (4.20, 4.24); in X and Y."""
-    dx, dy = x - goal[0], y - goal[1]
-    distance = xp.hypot(dx, dy)
-    beyond = gains.K * gains.d / xp.maximum(distance, gains.d)
-    gain = xp.where(distance <= gains.d, gains.K, beyond)
-    return -gain * dx, -gain * dy
-
-
-def repulsive_force(
-    x: Real, y: Real, obstacle: Disc, gains: PotentialField, xp: Any = np
-) -> tuple[Real, Real]:
-    """Return F_rep = η(1/ρ − 1/ρ₀)(1/ρ²)∇ρ for ρ ≤ ρ₀, 0 for ρ > ρ₀ (4.22–4.25); in X and Y.
-
-    ρ is the distance to the obstacle's point and ∇ρ the unit vector away from it. The print gives
-    ρ ≤ ρ₀ for both cases.
-    """
-    dx, dy = x - obstacle.x, y - obstacle.y
-    rho = xp.maximum(xp.hypot(dx, dy), NEAREST)
-    push = gains.eta * (1.0 / rho - 1.0 / gains.rho0) / (rho * rho * rho)
-    outside = rho > gains.rho0
-    return xp.where(outside, 0.0, push * dx), xp.where(outside, 0.0, push * dy)
-
-
-def total_force(
-    x: Real,
-    y: Real,
-    goal: tuple[Real, Real],
-    obstacles: Sequence[Disc],
-    gains: PotentialField,
-    xp: Any = np,
-) -> tuple[Real, Real]:
-    """Return F = F_att + Σ F_rep over the obstacles (4.26–4.28); in X and Y."""
-    fx, fy = attractive_force(x, y, goal, gains, xp)
-    for obstacle in obstacles:
-        rx, ry = repulsive_force(x, y, obstacle, gains, xp)
-        fx, fy = fx + rx, fy + ry
-    return fx, fy
-
-
-def speed_reference(
-    x: Real,
-    y: Real,
-    goal: tuple[Real, Real],
-    obstacles: Sequence[Disc],
-    gains: PotentialField,
-    xp: Any = np,
-) -> Real:
-    """Return V_d = V_max θʰ/(θʰ + Δʰ) [m/s], Δ = K_g/ρ_g + Σ K_i/ρ_i (4.30, 4.31).
-
-    The sum runs over the obstacles within ρ₀ only (thesis 6.2.5).
-    """
-    delta = gains.Kg / xp.maximum(xp.hypot(x - goal[0], y - goal[1]), NEAREST)
-    for obstacle in obstacles:
-        rho = xp.maximum(xp.hypot(x - obstacle.x, y - obstacle.y), NEAREST)
-        delta = delta + xp.where(rho <= gains.rho0, gains.Ki / rho, 0.0)
-    ratio = (delta / gains.theta) ** gains.h  # dividing by θʰ keeps large h within floats
-    return gains.v_max / (1.0 + ratio)

@@ -7,12 +7,13 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from sysid.robot.mission.axis import FirstOrder
 from sysid.robot.mission.navigation.delays import BufferedSample
 from sysid.robot.mission.navigation.design import LEAST_VARIANCE, Design
 from sysid.robot.mission.navigation.ekf import measured, predicted
 from sysid.robot.mission.navigation.fusion import COLUMNS, Density, Filter, Sight
 from sysid.robot.mission.navigation.gaussian import Gaussian, Innovation, around, reset, wrapped
-from sysid.robot.mission.navigation.process import POSE_AND_SPEEDS, PSI, Process, Response, is_angle
+from sysid.robot.mission.navigation.process import POSE_AND_SPEEDS, PSI, Process, is_angle
 from sysid.robot.mission.settings import Positive, Settings
 from sysid.vehicle.kinematics import Geometry, Real
 
@@ -49,7 +50,7 @@ class Hypothesis(Settings):
     def process(self, common: Process) -> Process:
         response = None
         if self.lag is not None and self.top_speed is not None:
-            response = Response(self.lag, self.top_speed)
+            response = FirstOrder(self.top_speed, self.lag)
         speed = common.speed if self.speed is None else self.speed
         return replace(common, speed=speed, response=response, slip=self.slip)
 

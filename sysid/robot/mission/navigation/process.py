@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.robot.mission.axis import FirstOrder
 from sysid.robot.mission.navigation.flow import compiled, recorded
 from sysid.vehicle.kinematics import Geometry, Real, step_pose
 
@@ -71,19 +72,6 @@ def over_ground(s: States, geometry: Geometry, slip: Real) -> Ground:
 
 
 @dataclass(frozen=True)
-class Response:
-    """How the speed follows the drive, where a filter believes to know: v̇ = (V u − v)/T.
-
-    Attributes:
-        lag: T [s].
-        top_speed: V, at full drive [m/s].
-    """
-
-    lag: float
-    top_speed: float
-
-
-@dataclass(frozen=True)
 class Process:
     """The motion between two samples.
 
@@ -106,7 +94,7 @@ class Process:
     speed: float
     yaw_rate: float
     walks: tuple[float, ...]
-    response: Response | None = None
+    response: FirstOrder | None = None
     slip: float = 0.0
     known_heading: bool = False
 
@@ -139,7 +127,7 @@ class Process:
         if self.response is None:
             return 1.0, 0.0
         kept = xp.exp(-dt / self.response.lag)
-        return kept, (1.0 - kept) * self.response.top_speed
+        return kept, (1.0 - kept) * self.response.gain
 
     def slopes(
         self, s: States, dt: Real, drive: Real, geometry: Geometry, xp: Any

@@ -181,23 +181,22 @@ def tune(
     )
 
 
+@dataclass(eq=False)
 class _Search:
     """The sets that were driven so far."""
 
-    def __init__(
-        self,
-        space: GainSpace,
-        judge: Judge,
-        loops: LinearLoops,
-        options: SearchOptions,
-        progress: Progress | None,
-    ) -> None:
-        self.space, self.judge, self.loops, self.options = space, judge, loops, options
-        self._progress = progress
-        self.gains = np.zeros((0, len(space.names)))
+    space: GainSpace
+    judge: Judge
+    loops: LinearLoops
+    options: SearchOptions
+    progress: Progress | None
+
+    def __post_init__(self) -> None:
+        """Nothing was driven yet."""
+        self.gains = np.zeros((0, len(self.space.names)))
         self.criteria = Criteria(*(np.zeros(0) for _ in Criteria._fields))
         self._stable = np.zeros(0, dtype=bool)
-        self._mission = judge.variant.sampler.mission
+        self._mission = self.judge.variant.sampler.mission
 
     def explore(self, known: Array) -> None:
         """Drive known sets and others spread over the bounds."""
@@ -264,8 +263,8 @@ class _Search:
         self.criteria = Criteria(*(np.concatenate(pair) for pair in both))
         stable = [self.loops.stable(self.space.named(row)) for row in gains]
         self._stable = np.concatenate([self._stable, stable])
-        if self._progress is not None:
-            self._progress(len(gains))
+        if self.progress is not None:
+            self.progress(len(gains))
 
 
 def _proposed(members_front: Front, members: tuple[GainSet, ...]) -> int:

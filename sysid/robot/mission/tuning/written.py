@@ -28,13 +28,8 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     Args:
         role: the section, ``control`` or ``navigation``.
     """
-    if target.exists() and target.samefile(source):
-        raise UsageError(f"{target} is the mission itself; name another file")
-    text = contents(source).decode("utf-8-sig")
     law = getattr(mission, role)
-    new = replaced(text, read_yaml(source).values, role, section(role, law))
-    write_atomic(target, new.encode())
-    if getattr(load_mission(target), role) != law:
+    if getattr(rewritten(source, target, {role: section(role, law)}), role) != law:
         raise DataError(
             f"{target} cannot contain the law of {role}, because a mission file cannot name it"
         )
@@ -61,11 +56,8 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
     Args:
         sections: ``vehicle``, and ``motion`` where it slips.
     """
-    if target.exists() and target.samefile(source):
-        raise UsageError(f"{target} is the mission itself; name another file")
     rolls = kind_of("motion", load_mission(source).motion) == "kinematic"
-    values = dict(read_yaml(source).values)
-    text = contents(source).decode("utf-8-sig")
+    values, changed = read_yaml(source).values, dict[str, dict[str, Any]]()
     for role, keys in sections.items():
         if role == "motion" and not rolls:
             continue
@@ -73,11 +65,29 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
         kept = dict(old) if isinstance(old, dict) else {}
         if role == "vehicle" and rolls:
             kept.pop("motion", None)  # the section of that name says it
-        values[role] = {**kept, **_rounded(keys)}
-        text = replaced(text, values, role, values[role])
-    write_atomic(target, text.encode())
-    load_mission(target)
+        changed[role] = {**kept, **_rounded(keys)}
+    rewritten(source, target, changed)
     return target
+
+
+def rewritten(source: Path, target: Path | None, sections: Sections) -> Mission:
+    """Write a mission file again with other sections; comments and order of the rest stay.
+
+    Args:
+        target: another file; None for the mission itself.
+
+    Returns:
+        The mission as it then is.
+    """
+    if target is not None and target.exists() and target.samefile(source):
+        raise UsageError(f"{target} is the mission itself; name another file")
+    values = dict(read_yaml(source).values)
+    text = contents(source).decode("utf-8-sig")
+    for role, keys in sections.items():
+        values[role] = dict(keys)
+        text = replaced(text, values, role, values[role])
+    write_atomic(target or source, text.encode())
+    return load_mission(target or source)
 
 
 def _rounded(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from mission_cases import Robot, goal, leaves
 
 from sysid.robot.mission.contracts import Body, GuidanceInputs, Pose
 from sysid.robot.mission.guidance.escape import leading_out
-from sysid.robot.mission.guidance.field import PotentialField, hold_at
+from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.result import MissionResult, Outcome, StuckReason
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
@@ -108,8 +108,8 @@ def test_ways_out_are_the_same_on_every_namespace(escape: str) -> None:
 def test_a_minimum_is_told_from_an_oscillation_by_the_force_in_its_middle() -> None:
     field, scene = PotentialField(), trapped(TRAPS["two close obstacles"], "none").scene()
     # Before the gap both obstacles push back as hard as the goal pulls; 0.5 m aside nothing does.
-    assert hold_at(1.1, 0.0, scene, 0.0, field, floats) == Hold.LOCAL_MINIMUM
-    assert hold_at(1.1, 1.0, scene, 0.0, field, floats) == Hold.OSCILLATION
+    assert field.hold_at(1.1, 0.0, scene, 0.0, floats) == Hold.LOCAL_MINIMUM
+    assert field.hold_at(1.1, 1.0, scene, 0.0, floats) == Hold.OSCILLATION
     assert math.hypot(1.1 - 1.5, 1.0 - 0.25) > field.rho0
 
 

@@ -13,7 +13,6 @@ from sysid.robot.mission.guidance.field import (
     PotentialField,
     braked_distance,
     moving_force,
-    repulsive_force,
 )
 from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import simulate
@@ -26,7 +25,7 @@ GAINS = PotentialField()
 @settings(max_examples=50, deadline=None)
 def test_an_obstacle_at_rest_repels_as_published(x: float, y: float, psi: float, v: float) -> None:
     body, still = Body(Pose(x, y, psi), v, 0.0), Disc(0.3, 0.2, 0.15)
-    published = repulsive_force(x, y, still, GAINS, floats)
+    published = GAINS.repulsion(x, y, still, floats)
     force = moving_force(body, still, GAINS.eta, GAINS.rho0, floats)
     if math.hypot(x - 0.3, y - 0.2) > 0.01:  # nearer both are as good as infinite
         assert force == pytest.approx(published, rel=1e-9)
