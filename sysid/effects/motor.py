@@ -72,11 +72,11 @@ def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
     # s: the command before this one
     falls = (c.drive * s[0] > 0.0) & (xp.abs(c.drive) < xp.abs(s[0]))
     speed, side = xp.abs(c.w), xp.sign(c.w)
-    # the diode takes its voltage for the share of time in which the switch does not conduct
-    lost = p["diode"] * c.gain * (1.0 - xp.minimum(xp.abs(c.drive), 1.0))
-    torque = xp.sign(c.torque) * xp.maximum(xp.abs(c.torque) - lost, 0.0)
-    w = w - c.b * (c.torque - torque)
+    # the diode takes its voltage while the switch does not conduct, and drives nothing by itself
     ahead = c.torque * side  # the drive's speed in the direction of motion
+    lost = p["diode"] * c.gain * (1.0 - xp.minimum(xp.abs(c.drive), 1.0))
+    lost = xp.where(ahead >= 0.0, xp.minimum(lost, xp.abs(c.torque)), lost)
+    w = w - c.b * lost * xp.sign(c.torque)
     released = xp.where(c.drive == 0.0, p["at_zero"], xp.where(falls, p["falls"], 0.0))
     released = released + xp.where((ahead >= 0.0) & (ahead < speed), p["outruns"], 0.0)
     rolling = xp.maximum(speed * p["fade"] - p["drop"], ahead * p["caught"])
@@ -191,8 +191,9 @@ EFFECTS = (
                 + (ONE_WAY,) * 2,
                 choice=True,
             ),
+            # 0.7 V of a supply of 7 V; more is a dead zone
             EffectParameter(
-                "diode", "drive", 0.0, 0.0, 0.2, (0.0,) * 11 + (0.03,) * 2, at_limit=True
+                "diode", "drive", 0.0, 0.0, 0.1, (0.0,) * 11 + (0.03,) * 2, at_limit=True
             ),
         ),
         _freewheel,

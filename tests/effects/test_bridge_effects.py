@@ -28,6 +28,13 @@ def one_way(d: Array, w: Array) -> Array:
     return 0.9 * w + side * np.maximum(side * (GAIN * d - 0.9 * w), 0.0)
 
 
+def one_way_through_a_diode(d: Array, w: Array) -> Array:
+    """The same; the diode takes 4 % of the supply while the switch does not conduct."""
+    side = np.sign(d)
+    free = GAIN * (d - 0.04 * side * (1.0 - np.abs(d)))
+    return 0.9 * w + side * np.maximum(side * (free - 0.9 * w), 0.0)
+
+
 def driven(effect: str, numbers: list[float], dt: float) -> tuple[Array, Array]:
     """(drives, speeds) of two equal tracks with an effect that both have, (N, 2)."""
     u = np.repeat(LEVELS, round(0.5 / dt), axis=0)
@@ -70,8 +77,9 @@ def sagging(d: Array, w: Array) -> Array:
         ("current-limit", [5.0, 0.9], limited),
         ("dead-time", [0.08, 0.85, 0.02], waiting),
         ("supply-sag", [0.3, 0.9, 1.0], sagging),
-        ("freewheel", [0.0, 0.1, AT_ZERO], open_at_zero),
-        ("freewheel", [0.0, 0.1, ONE_WAY], one_way),
+        ("freewheel", [0.0, 0.1, AT_ZERO, 0.0], open_at_zero),
+        ("freewheel", [0.0, 0.1, ONE_WAY, 0.0], one_way),
+        ("freewheel", [0.0, 0.1, ONE_WAY, 0.04], one_way_through_a_diode),
     ],
 )
 @pytest.mark.parametrize("dt", [0.02, 0.05])

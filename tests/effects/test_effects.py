@@ -218,8 +218,8 @@ def test_a_delay_shifts_and_backlash_pauses_after_a_reversal() -> None:
 
 def test_freewheel_decays_in_a_straight_line() -> None:
     drive = np.vstack([held(0.8, 80), held(0.0, 60)])
-    numbers = {"rate": both(5.0), "released": both(0.0), "viscous": both(0.0)}
-    y = run({"freewheel": numbers}, drive)[:, 0]
+    numbers = {"rate": 5.0, "released": 0.0, "viscous": 0.0, "diode": 0.0}
+    y = run({"freewheel": {k: both(v) for k, v in numbers.items()}}, drive)[:, 0]
     falling = y[(y < 12.0) & (np.arange(len(y)) > 82)]
     np.testing.assert_allclose(np.diff(falling[:20]), -5.0 * DT, rtol=1e-9)
 
@@ -351,7 +351,7 @@ def test_a_wheel_that_outruns_its_drive_rolls_until_the_drive_catches_it() -> No
         return (w + h / TAU * (torque - w), 0.0, 0.0)
 
     drive = np.repeat([0.8, 0.5, 0.1, 0.0, -0.6, -0.55, 0.3, 0.0], 12)
-    numbers = {"rate": rate, "released": 2.0, "viscous": viscous}
+    numbers = {"rate": rate, "released": 2.0, "viscous": viscous, "diode": 0.0}
     found = run({"freewheel": {k: both(v) for k, v in numbers.items()}}, np.tile(drive, (2, 1)).T)
     # within a sample the viscous part is averaged: (β dt/τ)²/24 of 16 rad/s, and steps of h
     np.testing.assert_allclose(found[:, 0], fine(advance, drive, DT), atol=0.02)
