@@ -10,10 +10,14 @@ import pytest
 from scipy.signal import lfilter
 
 import sysid
+from sysid.data.frequency_response import FrequencyResponse
 
 PAGES = Path(__file__).resolve().parents[2] / "docs"
 CODE = r"(sysid|model)\.\w+[\w.]*(\(|$)"
-NEEDS_FILES = {"sysid.load_plant(folder)"}
+NEEDS_FILES = {
+    "sysid.load_plant(folder)",
+    'sysid.read_log("x.csv", inputs="u", outputs="y")',
+}
 MODULES = ("sysid.estimation.reduction", "sysid.estimation.resampling")
 
 
@@ -52,8 +56,11 @@ def test_the_tables_have_rows() -> None:
 
 @pytest.mark.parametrize("row", ROWS)
 def test_a_row_runs(row: str, names: dict[str, object], tmp_path: Path) -> None:
-    if "to_control" in row:
-        pytest.importorskip("control")
+    if "_control" in row:
+        control = pytest.importorskip("control")
+        w = np.geomspace(0.1, 10.0, 60)
+        frd = control.FRD(2.0 / (1.0 + 1j * w), w)
+        names = {**names, "frd": frd, "FrequencyResponse": FrequencyResponse}
     script = tmp_path / "row.py"
     script.write_text(f"found = {row}\n", encoding="utf-8")
     assert runpy.run_path(str(script), init_globals=names)["found"] is not None

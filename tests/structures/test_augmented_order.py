@@ -80,6 +80,6 @@ def test_the_compiled_run_knows_what_the_drive_makes() -> None:
     }.items():  # fmt: skip
         q[model.index[*name, 0]] = value
     stepped = Stepped(model.effects, 1, 1, 0.02)
-    expected = stepped.run(q[None], model.null, model._index, data.signals)
+    expected = stepped.run(q[None], model.null, model._entries, data.signals)
     np.testing.assert_allclose(model.run(q, data), expected, atol=1e-9)
     assert np.std(expected) > 0.5

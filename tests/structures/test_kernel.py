@@ -51,7 +51,7 @@ def test_every_effect_alone_and_beside_others_runs_as_it_steps(tracks: int, orde
     for row in (q, *singles, *both):
         acting = {p.owner for p, v in zip(model.parameters, row, strict=True) if v != p.null}
         rows = 60 if CHAOTIC in acting else None
-        expected = stepped.run(row[None], model.null, model._index, data.signals)[0, :rows]
+        expected = stepped.run(row[None], model.null, model._entries, data.signals)[0, :rows]
         found = model.run(row, data)[0, :rows]
         np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
