@@ -45,11 +45,18 @@ class Remaining:
 
     @property
     def matters(self) -> bool:
-        """Whether their structure is more than a slight one that may be chance."""
+        """Whether their structure is more than a slight one, of errors that may all be noise."""
         if self.structure is None or not self.structured:
+            return False
+        if self.within_noise:
             return False
         sure = self.structure.p_value < VERDICT.certain_p and bool(self.above_noise)
         return sure or self.structure.share >= VERDICT.min_predicted_share
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether the errors of no output are larger than its noise may be."""
+        return all(c.rmse_after <= c.surely_noise for c in self.gap.channels.values())
 
     @property
     def share(self) -> str:
@@ -107,6 +114,8 @@ def story(
         )
     if remaining.above_noise:
         return undecided(remaining)
+    if remaining.structured and remaining.within_noise:
+        return "Nothing is missing that matters: the errors are no larger than the noise may be."
     if remaining.structured:
         return (
             "No effect of the catalogue is missing: inputs and outputs predict only "

@@ -9,7 +9,8 @@ from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.samples import inspect_samples
 from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.verdict import Remaining
+from sysid.diagnosis.validation.model_error import ResidualStructure
+from sysid.diagnosis.verdict import Remaining, story, verdict_of
 
 DT, TAU, GAIN = 0.02, 0.15, 24.0
 
@@ -92,3 +93,12 @@ def test_a_step_as_large_as_a_sixth_of_all_speeds_is_found_behind_noise(steps: f
     assert coarse.step == pytest.approx(step, rel=0.01)
     smooth = Record(7.2 * d, y + 0.06 * step * rng.standard_normal(len(d)), DT, *channels)
     assert not inspect_samples([smooth]).coarse
+
+
+def test_structure_of_errors_that_may_all_be_noise_is_nothing_missing() -> None:
+    structure = ResidualStructure(1e-20, 0.4, ())
+    for rmse, verdict in ((1.02, "no-missing-effect"), (1.3, "unexplained")):
+        channel = ChannelGap(rmse, rmse, 1.0, (0.95, 1.05))
+        left = Remaining(structure, Gap(0.1, 0.1, 1.0, 0.0, (0.0, 0.0), {"y": channel}))
+        assert verdict_of([], left, False) == verdict
+    assert "no larger than the noise" not in story("unexplained", [], left)
