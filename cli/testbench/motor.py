@@ -85,17 +85,15 @@ def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
     from sysid.testbench.motor.experiments import CONSTANTS
 
     joint = {p["name"]: p for p in facts["joint"]["parameters"]}
-    printed = any(p.published is not None for p in bench.parameters)
     heads = ["constant", "value", "± 95 %", "all at once", "± 95 %", "unit"]
     rows = []
     for p in bench.parameters:
         both = joint.get(p.name, {})
-        row: list[object] = [
+        rows.append([
             p.name, p.value, render.reach(p.std_error), both.get("value"),
             render.reach(both.get("std_error")), p.unit,
-        ]  # fmt: skip
-        rows.append(row + ([p.published] if printed else []))
-    render.table(heads + (["thesis"] if printed else []), rows, title="Motor")
+        ])  # fmt: skip
+    render.table(heads, rows, title="Motor")
     for p in bench.parameters:
         render.say(f"{p.name}, {CONSTANTS[p.name][1]}: {p.reason}.")
     render.cautions(bench.notes)

@@ -27,7 +27,6 @@ from sysid.testbench.motor.plausibility import (
     require_plausible,
     weakly_identified,
 )
-from sysid.testbench.motor.published import PRINTED, is_the_thesis, printed_against
 from sysid.testbench.motor.separate import Route, propagated, routes, values_of
 
 METHODS = ("auto", "separate", "joint")
@@ -71,9 +70,6 @@ class Estimate:
         name, unit: as in ``CONSTANTS``.
         value: in SI; None if not identifiable.
         std_error: its standard error; None where there is none, which ``reason`` explains.
-        published: what the thesis prints, for its own tables.
-        recomputable: whether the given files determine the constant; for the thesis's tables
-            whether they give the printed number.
         reason: where the value comes from, or why there is none.
     """
 
@@ -81,8 +77,6 @@ class Estimate:
     unit: str
     value: float | None
     std_error: float | None
-    published: float | None
-    recomputable: bool
     reason: str
 
 
@@ -118,8 +112,7 @@ class MotorBench:
     @cached_property
     def parameters(self) -> tuple[Estimate, ...]:
         """Constants by the chosen method."""
-        thesis = is_the_thesis(self.tests)
-        return tuple(self._row(name, thesis) for name in CONSTANTS)
+        return tuple(map(self._row, CONSTANTS))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -175,17 +168,11 @@ class MotorBench:
         kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
         return tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
 
-    def _row(self, name: str, thesis: bool) -> Estimate:
+    def _row(self, name: str) -> Estimate:
         value, error = self._values.get(name), self._std_error(name)
-        recomputable, reason = value is not None, self._reason(name, value)
-        published = None
-        if thesis and name in PRINTED:
-            published, (recomputable, why) = getattr(PUBLISHED, name), PRINTED[name]
-            reason = f"{reason}; {why}"
         if error is not None and not np.isfinite(error):
             error = None
-        unit = CONSTANTS[name][0]
-        return Estimate(name, unit, value, error, published, recomputable, reason)
+        return Estimate(name, CONSTANTS[name][0], value, error, self._reason(name, value))
 
     def _std_error(self, name: str) -> float | None:
         source = "Kem" if name == "Kc" and self.tied else name
@@ -242,24 +229,13 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     require_plausible(vars(joint.constants))
     found, names, covariance = propagated(tests, known, gear, joint.sigma)
     notes = [*read.notes, *notes, *said, *remarks, *contradictions(found)]
-    notes += [*misfits(joint, tests), *weakly_identified(joint), *_against_print(tests)]
+    notes += [*misfits(joint, tests), *weakly_identified(joint)]
     method = given.method
     if method == "auto":
         method = "joint" if read.drives else "separate"
     return MotorBench(
         tests, read.drives, gear, found, (names, covariance), joint, tied, method, tuple(notes)
     )
-
-
-def _against_print(tests: Sequence[SteadyTest]) -> list[str]:
-    """How well the constants that the thesis prints predict its own tables."""
-    if not is_the_thesis(tests):
-        return []
-    worst = 100.0 * max(abs(e) for e in printed_against(tests))
-    return [
-        f"The constants that the thesis prints predict its speeds without load within "
-        f"{worst:.1f} %."
-    ]
 
 
 def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float, list[str]]:
