@@ -10,7 +10,8 @@ import sysid_datasets
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.report.markdown import table
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.panels import surroundings
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate
@@ -77,7 +78,7 @@ less, which H-bridge, wires and battery may well lose.
 ## Missions
 
 *Ends at* is where it truly is, *off* how far from the goal that is: navigation believes to be there
-where the outcome is arrived. *Line* is the largest distance from the straight line, *clear* the
+where the outcome is arrived. *Curve* is the largest distance from the straight line, *clear* the
 smallest to a surface. The last rows have a compass for their heading, and a yaw gain three times
 the thesis's.
 
@@ -240,13 +241,13 @@ def _draw(path: Path, found: Mapping[tuple[str, str], tuple[Mission, MissionResu
     for title, shown in DRAWN:
         runs = {label: found[MISSIONS[1], label] for label in shown}
         mission = next(iter(runs.values()))[0]
-        discs = [(o.x, o.y, o.radius, "#8d99a6") for o in mission.obstacles]
-        discs.append((*mission.goal, 0.1, "#009e73"))
         lines = [
-            Line(label.removesuffix(MEASURED), r.log["x"], r.log["y"])
+            Curve(label.removesuffix(MEASURED), r.log["x"], r.log["y"])
             for label, (_, r) in runs.items()
         ]
-        panels.append(Panel(title, "x [m]", "y [m]", tuple(lines), plane=True, discs=tuple(discs)))
+        panels.append(
+            panel(title, "x [m]", "y [m]", tuple(lines), equal=True, around=surroundings(mission))
+        )
     note = "true paths from (0, 0) to (6, 3), green; obstacles grey"
     title = "Rolling, slipping, with mass: the second mission"
-    write_picture(path, ResponsePicture(title, note, tuple(panels), 2))
+    write_picture(path, PanelPicture(title, note, tuple(panels), 2))

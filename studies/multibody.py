@@ -26,7 +26,8 @@ from studies import compiled_loop
 from studies.mission_report import BANDS, best_by_aic, called, identified
 from studies.runner import Study
 from sysid.report.markdown import table
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.panels import surroundings
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate
@@ -97,7 +98,7 @@ as obstacles. Guidance and control have the thesis's gains; nothing was tuned to
   `sysid export --controller`; MuJoCo moves the body, and navigation gives the C the pose.
 
 Times in seconds, lengths in metres. *Off* is how far from the goal the robot truly ends; guidance
-stops it where it believes to be within 0.1 m. *Line* is the largest distance from the straight
+stops it where it believes to be within 0.1 m. *Curve* is the largest distance from the straight
 line, *clear* the smallest from the middle of the robot to a surface.
 
 ![paths by every motion](multibody.svg)
@@ -218,21 +219,19 @@ def draw(path: Path, found: Found) -> None:
     panels = []
     for name, title in MISSIONS.items():
         own = load_mission(sysid_datasets.path(name))
-        discs = [(o.x, o.y, o.radius, "#8d99a6") for o in own.obstacles]
-        discs = [*discs, (*own.goal, 0.1, "#009e73")] if discs else []
+        around = surroundings(own) if own.obstacles else []
         for pose in POSES:
             lines = []
             for plant, motion, compiled in DRAWN:
                 log = found[name, Case(plant, motion, pose, compiled)].log
                 label = f"{motion} ({plant})" + (", by the C" if compiled else "")
-                lines.append(Line(label, log["x"], log["y"], reference=compiled))
+                lines.append(Curve(label, log["x"], log["y"], colour=-1 if compiled else 0))
             said = f"{title}, " + ("odometry" if pose == "odometry" else "pose given")
-            plane = bool(discs)
-            panels.append(Panel(said, "x [m]", "y [m]", tuple(lines), plane, tuple(discs)))
+            panels.append(panel(said, "x [m]", "y [m]", lines, bool(around), around))
     note = (
         "true paths from (0, 0); mission 1 with y enlarged; mission 2: goal green, obstacles grey"
     )
-    picture = ResponsePicture("The missions in MuJoCo and by formulas", note, tuple(panels), 2)
+    picture = PanelPicture("The missions in MuJoCo and by formulas", note, tuple(panels), 2)
     write_picture(path, picture)
 
 

@@ -24,7 +24,8 @@ from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.effects.ground import Ground
 from sysid.report.markdown import table
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.panels import disc
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.calibration.logs import read_vehicle_logs
 from sysid.robot.calibration.windows import path_of
@@ -230,17 +231,17 @@ def _draw(path: Path, runs: Mapping[tuple[str, int], Mapping[str, Any]]) -> None
         if seed != STUDY.first or len(panels) == 4:
             continue
         lines = [
-            Line(name, *np.array(rows).T)
+            Curve(name, *np.array(rows).T)
             for name, rows in zip(
                 ("driven", "wheels, before", "wheels, after"),
                 r["paths"]["mission 2"]["rows"],
                 strict=True,
             )
         ]
-        discs = [(float(x), float(y), 0.1, "#8d99a6") for x, y in SECOND["obstacles"]]
-        panels.append(Panel(floor, "x [m]", "y [m]", tuple(lines), plane=True, discs=tuple(discs)))
+        discs = [disc(float(x), float(y), 0.1) for x, y in SECOND["obstacles"]]
+        panels.append(panel(floor, "x [m]", "y [m]", tuple(lines), equal=True, around=discs))
     note = "mission 2, held out: driven in MuJoCo, and as the wheel speeds say"
-    write_picture(path, ResponsePicture("Paths before and after", note, tuple(panels), 2))
+    write_picture(path, PanelPicture("Paths before and after", note, tuple(panels), 2))
 
 
 def main() -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 from studies.mission_report import best_by_aic, called, identified, run
 from sysid.report.markdown import table
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.panels import GREEN, disc
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.spec import Mission
@@ -109,10 +110,10 @@ def write(folder: Path) -> Mapping[str, str]:
         panels.append(_panel(trap, {law: results[0] for law, results in found.items()}))
     write_picture(
         folder / "traps.svg",
-        ResponsePicture(
+        PanelPicture(
             "Laws of guidance in the traps of the field",
             "from (0, 0) to (4, 0), the identified robot; "
-            "dashed: walls, grey: obstacles where they begin",
+            "grey: walls and obstacles where they begin",
             tuple(panels),
             2,
         ),
@@ -137,8 +138,8 @@ def _cell(results: list[MissionResult]) -> str:
 def _panel(trap: Trap, results: Mapping[str, MissionResult]) -> Panel:
     import numpy as np
 
-    lines = [Line(law.replace("`", ""), r.log["x"], r.log["y"]) for law, r in results.items()]
-    lines += [Line("", *np.array(wall).T, reference=True) for wall in trap.walls]
-    discs = [(x, y, r, "#8d99a6") for x, y, r, _, _ in trap.obstacles]
-    discs.append((*GOAL, 0.1, "#009e73"))
-    return Panel(trap.name, "x [m]", "y [m]", tuple(lines), plane=True, discs=tuple(discs))
+    lines = [Curve(law.replace("`", ""), r.log["x"], r.log["y"]) for law, r in results.items()]
+    lines += [Curve("", *np.array(wall).T, colour=-1) for wall in trap.walls]
+    discs = [disc(x, y, r) for x, y, r, _, _ in trap.obstacles]
+    discs.append(disc(*GOAL, 0.1, GREEN))
+    return panel(trap.name, "x [m]", "y [m]", tuple(lines), equal=True, around=discs)

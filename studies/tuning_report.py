@@ -8,7 +8,8 @@ import numpy as np
 
 from studies.mission_report import SECTORS, best_by_aic, called, identified
 from sysid.report.markdown import table
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.panels import surroundings
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.control.linear import PIDTerms
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
@@ -87,7 +88,7 @@ class Study:
         align: of its columns.
     """
 
-    picture: ResponsePicture
+    picture: PanelPicture
     headers: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     align: str = ""
@@ -150,13 +151,13 @@ def speed(model: Model) -> Study:
             control = SpeedPIYawP(kp_speed=float(kp), ki_speed=float(ki))
             log = _followed(model, steps, control).log
             name = f"{('K_p', 'K_i')[varied]} {(kp, ki)[varied]:g}"
-            lines.append(Line(name, log["t"], log["v"]))
+            lines.append(Curve(name, log["t"], log["v"]))
             rise, *shares = _answer(log["t"], log["v"], 0.25)
             percents = (f"{share:.1f} %" for share in shares)
             rows.append([title[:4], f"{kp:g}", f"{ki:g}", _seconds(rise), *percents])
-        reference = Line("reference", log["t"], np.full_like(log["t"], 0.25), reference=True)
-        panels.append(Panel(title, "time [s]", "V [m/s]", (*lines, reference)))
-    picture = ResponsePicture("Speed step to 0.25 m/s", f"plant: {called(model)}", tuple(panels))
+        reference = Curve("reference", log["t"], np.full_like(log["t"], 0.25), colour=-1)
+        panels.append(panel(title, "time [s]", "V [m/s]", (*lines, reference)))
+    picture = PanelPicture("Speed step to 0.25 m/s", f"plant: {called(model)}", tuple(panels))
     return Study(picture, ["figure", "K_p", "K_i", "rise [s]", "over", "left"], rows, "lrrrrr")
 
 
@@ -173,14 +174,14 @@ def yaw(model: Model) -> Study:
     for gain in (0.2, 0.3, 0.4, 0.6, 1.0):
         log = _followed(model, steps, SpeedPIYawP(kp_yaw=gain, psi_cmd_max=1.0)).log
         t, psi = log["t"], np.degrees(np.unwrap(log["psi"]))
-        lines.append(Line(f"K_pψ {gain:g}", t, psi))
+        lines.append(Curve(f"K_pψ {gain:g}", t, psi))
         first, second = t < 9.0, t >= 9.0
         rise, over, _ = _answer(t[first] - 1.0, psi[first], 60.0)
         beyond = max(0.0, float(np.max(-psi[second] - 60.0))) / 120
         rows.append([f"{gain:g}", _seconds(rise), f"{over:.1f} %", f"{100 * beyond:.1f} %"])
-    reference = Line("reference", t, np.degrees(log["psi_ref"]), reference=True)
-    panel = Panel("6.15: step and reversal", "time [s]", "ψ [°]", (*lines, reference))
-    picture = ResponsePicture("Yaw step and reversal", "at 0.1 m/s", (panel,), columns=1)
+    reference = Curve("reference", t, np.degrees(log["psi_ref"]), colour=-1)
+    steps_of_yaw = panel("6.15: step and reversal", "time [s]", "ψ [°]", (*lines, reference))
+    picture = PanelPicture("Yaw step and reversal", "at 0.1 m/s", (steps_of_yaw,), columns=1)
     return Study(picture, ["K_pψ", "rise [s]", "over, step", "over, reversal"], rows, "rrrr")
 
 
@@ -199,17 +200,15 @@ def paths(model: Model) -> Study:
         for gain in (0.3, 0.6):
             result = _run(model, mission.model_copy(update={"control": SpeedPIYawP(kp_yaw=gain)}))
             log = result.log
-            ways.append(Line(f"K_pψ {gain:g}", log["x"], log["y"]))
-            angles.append(Line(f"K_pψ {gain:g}", log["t"], np.degrees(np.unwrap(log["psi"]))))
+            ways.append(Curve(f"K_pψ {gain:g}", log["x"], log["y"]))
+            angles.append(Curve(f"K_pψ {gain:g}", log["t"], np.degrees(np.unwrap(log["psi"]))))
             clear = "–" if result.min_clearance_m is None else f"{result.min_clearance_m:.2f}"
             ended = f"{result.outcome}, {result.time_s:.1f} s"
             rows.append([words, f"{gain:g}", ended, f"{result.path_length_m:.2f}", clear])
-        discs = [(*mission.goal, mission.tolerance, "#009e73")]
-        discs += [(o.x, o.y, o.radius, "#8d99a6") for o in mission.obstacles]
         title = f"{plane}: path {words}"
-        panels.append(Panel(title, "x [m]", "y [m]", tuple(ways), True, tuple(discs)))
-        panels.append(Panel(f"{angle}: heading", "time [s]", "ψ [°]", tuple(angles)))
-    picture = ResponsePicture("Paths for two gains of the yaw", "", tuple(panels), columns=2)
+        panels.append(panel(title, "x [m]", "y [m]", ways, True, surroundings(mission)))
+        panels.append(panel(f"{angle}: heading", "time [s]", "ψ [°]", tuple(angles)))
+    picture = PanelPicture("Paths for two gains of the yaw", "", tuple(panels), columns=2)
     return Study(picture, ["case", "K_pψ", "outcome", "path [m]", "clear [m]"], rows, "lrlrr")
 
 
@@ -219,11 +218,11 @@ def sectors(model: Model) -> Study:
     for (x, y), figure in zip(SECTORS, ("6.21", "6.22", "6.23", "6.24"), strict=True):
         mission = Mission(goal=(float(x), float(y)))
         log = _run(model, mission).log
-        goal = (*mission.goal, mission.tolerance, "#009e73")
-        path = Line("path", log["x"], log["y"])
-        panels.append(Panel(f"{figure}: goal ({x}, {y})", "x [m]", "y [m]", (path,), True, (goal,)))
+        around = surroundings(mission)
+        path = Curve("path", log["x"], log["y"])
+        panels.append(panel(f"{figure}: goal ({x}, {y})", "x [m]", "y [m]", (path,), True, around))
     title = "Goals in the four sectors"
-    return Study(ResponsePicture(title, "start in (0, 0, 0)", tuple(panels), columns=4))
+    return Study(PanelPicture(title, "start in (0, 0, 0)", tuple(panels), columns=4))
 
 
 def references(model: Model) -> Study:
@@ -233,12 +232,12 @@ def references(model: Model) -> Study:
         field = PotentialField(theta=theta, Kg=0.3, h=1.0)
         result = _run(model, Mission(goal=(5.0, 0.0), guidance=field))
         log = result.log
-        lines = (Line("V", log["t"], log["v"]), Line("V_d", log["t"], log["v_ref"], reference=True))
-        panels.append(Panel(f"6.28: θ = {theta:g}", "time [s]", "speed [m/s]", lines))
+        lines = (Curve("V", log["t"], log["v"]), Curve("V_d", log["t"], log["v_ref"], colour=-1))
+        panels.append(panel(f"6.28: θ = {theta:g}", "time [s]", "speed [m/s]", lines))
         x, y, _ = result.final
         ended = f"{result.outcome}, {result.time_s:.1f} s"
         rows.append([f"{theta:g}", ended, f"({x:.2f}, {y:.2f})"])
-    picture = ResponsePicture("References of speed on a straight way", "goal (5, 0)", tuple(panels))
+    picture = PanelPicture("References of speed on a straight way", "goal (5, 0)", tuple(panels))
     return Study(picture, ["θ", "outcome", "ends at"], rows, "rll")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.testbench.motor.characterise import MotorBench, characterise_motor
 from sysid.testbench.motor.equations import (
     PUBLISHED,
@@ -102,7 +102,7 @@ def constants() -> Sheet:
     return Sheet(
         rows,
         "chapter5/motor.svg",
-        ResponsePicture(
+        PanelPicture(
             "The motor on the bench",
             "dots: printed readings; lines: the printed constants",
             _panels(volts, current, speed, torque),
@@ -117,33 +117,33 @@ def _panels(volts: Array, current: Array, speed: Array, torque: Array) -> tuple[
     free = PUBLISHED.gear * speed
     across = np.linspace(0.0, 1.1 * free[-1], 41)
 
-    def dots(name: str, x: Array, y: Array) -> Line:
-        return Line(name, x, y, dots=True)
+    def dots(name: str, x: Array, y: Array) -> Curve:
+        return Curve(name, x, y, kind="dots")
 
     return (
-        Panel("5.8: current, no load", "V [V]", "i [A]",
+        panel("5.8: current, no load", "V [V]", "i [A]",
               (line("printed constants", fine, steady_state(PUBLISHED, fine)[1]),
                line("from the tables", fine, steady_state(own, fine)[1]),
                dots("readings", volts, current))),
-        Panel("5.10: speed, no load", "V [V]", "speed [rpm]",
+        panel("5.10: speed, no load", "V [V]", "speed [rpm]",
               (line("printed constants", fine, RPM * steady_state(PUBLISHED, fine)[0]),
                line("from the tables", fine, RPM * steady_state(own, fine)[0]),
                dots("readings", volts, RPM * speed))),
-        Panel("5.11: motor torque", "ω_m [rad/s]", "C_m [mNm]",
+        panel("5.11: motor torque", "ω_m [rad/s]", "C_m [mNm]",
               tuple(line(f"{v:g} V", np.array([0.0, w]), 1e3 * np.array([c, PUBLISHED.Kc * i]))
                     for v, c, w, i in zip(volts, torque, free, current, strict=True))),
-        Panel("5.12: torque less the load", "ω_m [rad/s]", "C_m − C_r τ [mNm]",
+        panel("5.12: torque less the load", "ω_m [rad/s]", "C_m − C_r τ [mNm]",
               (line("printed f, C₀", across, 1e3 * (PUBLISHED.C0 + PUBLISHED.f * across)),
                line("from the tables", across, 1e3 * (own.C0 + own.f * across)),
                dots("K_c i, no load", free, 1e3 * PUBLISHED.Kc * current))),
-        Panel("5.15: characteristic", "speed [rpm]", "torque [Nm]",
+        panel("5.15: characteristic", "speed [rpm]", "torque [Nm]",
               tuple(_characteristic(PUBLISHED, v) for v in volts)),
-        Panel("5.15: from the tables alone", "speed [rpm]", "torque [Nm]",
+        panel("5.15: from the tables alone", "speed [rpm]", "torque [Nm]",
               tuple(_characteristic(own, v) for v in volts)),
     )  # fmt: skip
 
 
-def _characteristic(c: MotorConstants, volts: float) -> Line:
+def _characteristic(c: MotorConstants, volts: float) -> Curve:
     speed, torque, _ = torque_speed(c, volts)
     return line(f"{volts:g} V", RPM * speed, torque)
 
@@ -159,14 +159,14 @@ def loads() -> Sheet:
         for v in volts[::2]:
             t, w, _ = step_response(PUBLISHED, v, load, 1.0, 51)
             lines.append(line(f"{v:g} V", t, RPM * w))
-        panels.append(Panel(f"{load} Nm", "time [s]", "speed [rpm]", tuple(lines)))
+        panels.append(panel(f"{load} Nm", "time [s]", "speed [rpm]", tuple(lines)))
         rows.append(
             Row(figure, f"steady speed at 3 to 5 V under {load} Nm [rpm]", DRAWN,
                 ", ".join(number(s, ".0f") for s in speed), "–",
                 "from the printed constants; which load is in which part is not printed")
         )  # fmt: skip
     words = "steps of voltage under the loads of Table 5.1, the printed constants"
-    picture = ResponsePicture("5.13 and 5.14: tests with loads", words, tuple(panels))
+    picture = PanelPicture("5.13 and 5.14: tests with loads", words, tuple(panels))
     return Sheet(tuple(rows), "chapter5/loads.svg", picture)
 
 
@@ -195,7 +195,7 @@ def simulation() -> Sheet:
     return Sheet(
         rows,
         "chapter6/motor.svg",
-        ResponsePicture("The motor model", "the printed constants", _simulated(volts, speed)),
+        PanelPicture("The motor model", "the printed constants", _simulated(volts, speed)),
     )
 
 
@@ -207,18 +207,18 @@ def _simulated(volts: Array, speed: Array) -> tuple[Panel, ...]:
     stepped = tuple(
         line(f"{v:g} V", t, RPM * step_response(PUBLISHED, v, STEP_LOAD, 2.0)[1]) for v in volts
     )
-    measured = Line("measured, no load", np.zeros(len(volts)), RPM * speed, dots=True)
+    measured = Curve("measured, no load", np.zeros(len(volts)), RPM * speed, kind="dots")
     return (
-        Panel("6.3: step of 3 V, no load", "time [s]", "speed [rpm]",
+        panel("6.3: step of 3 V, no load", "time [s]", "speed [rpm]",
               (line("speed", t, RPM * free),)),
-        Panel("6.3: its current", "time [s]", "i [A]", (line("current", t, flow),)),
-        Panel("6.4: steps under 0.017 Nm", "time [s]", "speed [rpm]", stepped),
-        Panel("6.5: steady speed", "C_r [Nm]", "speed [rpm]",
-              (*(line("modelled" if v == volts[-1] else f"_{v:g} V", loads, RPM * w)
+        panel("6.3: its current", "time [s]", "i [A]", (line("current", t, flow),)),
+        panel("6.4: steps under 0.017 Nm", "time [s]", "speed [rpm]", stepped),
+        panel("6.5: steady speed", "C_r [Nm]", "speed [rpm]",
+              (*(line("modelled" if v == volts[-1] else "", loads, RPM * w)
                  for v, (w, _) in each.items()), measured)),
-        Panel("6.6: steady current", "C_r [Nm]", "i [A]",
+        panel("6.6: steady current", "C_r [Nm]", "i [A]",
               tuple(line(f"{v:g} V", loads, i) for v, (_, i) in each.items())),
-        Panel("6.6: torque and current", "i [A]", "C_r [Nm]",
+        panel("6.6: torque and current", "i [A]", "C_r [Nm]",
               tuple(line(f"{v:g} V", i, loads) for v, (_, i) in each.items())),
     )  # fmt: skip
 
@@ -233,14 +233,14 @@ def characteristic() -> Sheet:
             "drawn without scales; here the printed constants of §5.3"),
     )  # fmt: skip
     panels = (
-        Panel("2.12: torque", "speed [rpm]", "torque [Nm]", (line("5 V", RPM * speed, torque),)),
-        Panel("2.12: current", "speed [rpm]", "i [A]", (line("5 V", RPM * speed, current),)),
-        Panel("2.12: power", "speed [rpm]", "power [W]",
+        panel("2.12: torque", "speed [rpm]", "torque [Nm]", (line("5 V", RPM * speed, torque),)),
+        panel("2.12: current", "speed [rpm]", "i [A]", (line("5 V", RPM * speed, current),)),
+        panel("2.12: power", "speed [rpm]", "power [W]",
               (line("at the shaft", RPM * speed, torque * speed),
                line("electric", RPM * speed, volts * current))),
     )  # fmt: skip
     return Sheet(
         rows,
         "chapter2/motor.svg",
-        ResponsePicture("Characteristic of a motor", "at the output shaft", panels),
+        PanelPicture("Characteristic of a motor", "at the output shaft", panels),
     )

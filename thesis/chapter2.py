@@ -4,7 +4,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.vehicle.ground.presets import soil_preset
 from sysid.vehicle.ground.resistance import turning_moment
 from sysid.vehicle.kinematics import Geometry, body_velocity
@@ -68,18 +68,18 @@ def shear() -> Sheet:
     )  # fmt: skip
     j = np.linspace(0.0, 0.1, 121)
     laws = tuple(line(name, t, share) for (name, _), share in zip(LAWS, peaks, strict=True))
-    printed = Line("as printed", t, _as_printed(t, RESIDUAL), reference=True)
+    printed = Curve("as printed", t, _as_printed(t, RESIDUAL), colour=-1)
     soils = tuple(
         line(name.replace("-", " "), 1e3 * j, shear_stress(soil_preset(name), pressure, j) / 1e3)
         for name in SOILS
     )
     panels = (
-        Panel("2.7: the three laws", "j/K", "τ/τ_max", laws),
-        Panel("(2.30) as printed", "j/K_max", "τ/τ_max", (laws[2], printed)),
-        Panel("2.7 with soils of ours", "j [mm]", "τ [kPa]", soils),
+        panel("2.7: the three laws", "j/K", "τ/τ_max", laws),
+        panel("(2.30) as printed", "j/K_max", "τ/τ_max", (laws[2], printed)),
+        panel("2.7 with soils of ours", "j [mm]", "τ [kPa]", soils),
     )
     words = f"right: under this robot's pressure, {pressure / 1e3:.1f} kPa"
-    return Sheet(rows, "chapter2/shear.svg", ResponsePicture("Shear stress", words, panels))
+    return Sheet(rows, "chapter2/shear.svg", PanelPicture("Shear stress", words, panels))
 
 
 def _closed_form(vehicle: TrackedVehicle, load: float) -> Row:

@@ -7,7 +7,7 @@ import numpy as np
 from sysid.criteria.information import information_criteria
 from sysid.data.record import Array, Record
 from sysid.estimation.assessment.figures import Start, figures, outputs
-from sysid.report.missions.response_drawing import Panel, ResponsePicture
+from sysid.report.panels import PanelPicture, panel
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number, verdict
 from thesis.plants import bundled, published_model
 
@@ -34,7 +34,7 @@ def logs() -> Sheet:
             (speeds, record.y, "ω [rad/s]"),
         ):
             lines = tuple(line(side, t, table[:, k]) for k, side in enumerate(("left", "right")))
-            panels.append(Panel(f"{number_}: {title}", "time [s]", up, lines))
+            panels.append(panel(f"{number_}: {title}", "time [s]", up, lines))
         levels = np.unique(np.abs(record.u[:, 0]))[1:]
         rows += [
             Row(commands, "pulses [µs]", "a pulse, a pause, the opposite pulse; up to 20000",
@@ -43,7 +43,7 @@ def logs() -> Sheet:
             Row(speeds, "largest speed, left and right [rad/s]", DRAWN,
                 " and ".join(number(v, ".1f") for v in np.abs(record.y).max(axis=0)), "–", LOG),
         ]  # fmt: skip
-    picture = ResponsePicture("Experiments", "bundled logs of the twin", tuple(panels), columns=2)
+    picture = PanelPicture("Experiments", "bundled logs of the twin", tuple(panels), columns=2)
     return Sheet(tuple(rows), "chapter5/logs.svg", picture)
 
 
@@ -74,12 +74,12 @@ def validation() -> Sheet:
                 line("measured", t, record.y[shown, j], True),
                 line("model", t, y_hat[shown, j]),
             )
-            panels.append(Panel(f"5.{21 + k}: {side}", "time [s]", "ω [rad/s]", lines))
+            panels.append(panel(f"5.{21 + k}: {side}", "time [s]", "ω [rad/s]", lines))
     rows.append(_with_both_tracks())
     rows += _weak_ranges(bundled(TESTS[-1]), outputs(model, bundled(TESTS[-1]), None, Start.ZERO))
     order = (0, 2, 4, 1, 3, 5)
     words = "NARX with a wavelet network, nₐ = I, n_b = n_k = 1, from `multilevel`; 30 s of each"
-    picture = ResponsePicture("Validation tests", words, tuple(panels[i] for i in order))
+    picture = PanelPicture("Validation tests", words, tuple(panels[i] for i in order))
     return Sheet(tuple(rows), "chapter5/validation.svg", picture)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from studies import tuning_report
 from studies.mission_report import SECTORS
 from sysid.data.record import Array
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.panels import Curve, PanelPicture, panel
 from sysid.robot.mission.contracts import Disc
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import (
@@ -51,15 +51,15 @@ def plant() -> Sheet:
             "the scene is not printed"),
     )  # fmt: skip
     panels = (
-        Panel("6.8: commands", "time [s]", "PWM [10³ µs]",
+        panel("6.8: commands", "time [s]", "PWM [10³ µs]",
               (line("left", t, left / 1e3), line("right", t, right / 1e3))),
-        Panel("6.9: forward speed", "time [s]", "V_x [m/s]", (line("V_x", t, v),)),
-        Panel("6.9: yaw rate", "time [s]", "ψ̇ [rad/s]", (line("ψ̇", t, yaw_rate),)),
+        panel("6.9: forward speed", "time [s]", "V_x [m/s]", (line("V_x", t, v),)),
+        panel("6.9: yaw rate", "time [s]", "ψ̇ [rad/s]", (line("ψ̇", t, yaw_rate),)),
     )  # fmt: skip
     return Sheet(
         rows,
         "chapter6/plant.svg",
-        ResponsePicture("An example of the plant", "the identified model", panels),
+        PanelPicture("An example of the plant", "the identified model", panels),
     )
 
 
@@ -249,10 +249,10 @@ def forces() -> Sheet:
         ),
     )
     panels = (
-        Panel("6.25: attraction of a goal at 4 m", "X [m]", "force", tuple(pull)),
-        Panel("6.26: repulsion of an obstacle at 1 m", "X [m]", "force", tuple(push)),
+        panel("6.25: attraction of a goal at 4 m", "X [m]", "force", tuple(pull)),
+        panel("6.26: repulsion of an obstacle at 1 m", "X [m]", "force", tuple(push)),
     )
-    picture = ResponsePicture("Forces of the potential field", "", panels, columns=2)
+    picture = PanelPicture("Forces of the potential field", "", panels, columns=2)
     return Sheet(rows, "chapter6/forces.svg", picture)
 
 
@@ -272,7 +272,7 @@ def references() -> Sheet:
     law = PotentialField()
     rho = np.linspace(0.0, 5.0, 161)
 
-    def curves(name: str, gain: str, values: Sequence[float], **fixed: float) -> tuple[Line, ...]:
+    def curves(name: str, gain: str, values: Sequence[float], **fixed: float) -> tuple[Curve, ...]:
         return tuple(
             line(f"{name} {v:g}", rho, _reference(_varied(law, **fixed, **{gain: v}), rho))
             for v in values
@@ -308,17 +308,17 @@ def references() -> Sheet:
         ),
     )
     panels = (
-        Panel("6.27: θ, with K_g = h = 1", "distance to the goal [m]", "V_d [m/s]",
+        panel("6.27: θ, with K_g = h = 1", "distance to the goal [m]", "V_d [m/s]",
               curves("θ", "theta", (0.5, 1.0, 2.0, 3.0, 5.0), Kg=1.0)),
-        Panel("6.29: h", "distance to the goal [m]", "V_d [m/s]",
+        panel("6.29: h", "distance to the goal [m]", "V_d [m/s]",
               curves("h", "h", (0.5, 1.0, 2.0, 3.0, 5.0))),
-        Panel("6.30: K_g", "distance to the goal [m]", "V_d [m/s]",
+        panel("6.30: K_g", "distance to the goal [m]", "V_d [m/s]",
               curves("K_g", "Kg", (0.1, 0.2, 0.4, 0.7, 1.0))),
     )  # fmt: skip
     return Sheet(
         rows,
         "chapter6/references.svg",
-        ResponsePicture(
+        PanelPicture(
             "Reference of speed without obstacles", "V_max 0.3 m/s, else θ 2, h 1, K_g 0.4", panels
         ),
     )

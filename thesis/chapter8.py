@@ -7,8 +7,8 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.missions.response_drawing import Panel, ResponsePicture
-from sysid.report.style import GREEN, MUTED
+from sysid.report.missions.panels import GREEN, disc
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.spec import Mission, load_mission
 from thesis.entries import DRAWN, Row, Sheet, compared, line, number, place, verdict
@@ -67,25 +67,16 @@ def influence(result: MissionResult, mission: Mission) -> list[tuple[float, int]
     return sorted(found)
 
 
-def circle(x: float, y: float, radius: float) -> tuple[Array, Array]:
-    """The outline of a circle."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 49)
-    return x + radius * np.cos(angle), y + radius * np.sin(angle)
+def around(mission: Mission) -> list[Curve]:
+    """Where the obstacles' fields act, obstacles and goal; else where the goal counts as reached.
 
-
-def reaches(mission: Mission) -> tuple[tuple[Array, Array], ...]:
-    """Where the obstacles' fields act; without obstacles where the goal counts as reached."""
+    Where there are obstacles both axes have one scale.
+    """
     if not mission.obstacles:
-        return (circle(*mission.goal, mission.tolerance),)
-    return tuple(circle(o.x, o.y, mission.guidance.reach) for o in mission.obstacles)
-
-
-def discs_of(mission: Mission) -> tuple[tuple[float, float, float, str], ...]:
-    """Goal and obstacles where there are obstacles: then both axes have one scale."""
-    if not mission.obstacles:
-        return ()
-    around = ((o.x, o.y, o.radius, MUTED) for o in mission.obstacles)
-    return ((*mission.goal, mission.tolerance, GREEN), *around)
+        return [disc(*mission.goal, mission.tolerance, GREEN)]
+    reaches = [disc(o.x, o.y, mission.guidance.reach, 0) for o in mission.obstacles]
+    obstacles = [disc(o.x, o.y, o.radius) for o in mission.obstacles]
+    return [*reaches, disc(*mission.goal, mission.tolerance, GREEN), *obstacles]
 
 
 def panels(
@@ -96,31 +87,31 @@ def panels(
     t, degrees = log["t"], np.degrees
     path, where, heading, speed, references = figures
     found = [
-        Panel(f"{path}: path", "X [m]", "Y [m]", (line("path", log["x"], log["y"]),),
-              bool(mission.obstacles), discs_of(mission), reaches(mission)),
-        Panel(f"{where}: position", "time [s]", "[m]",
+        panel(f"{path}: path", "X [m]", "Y [m]", (line("path", log["x"], log["y"]),),
+              bool(mission.obstacles), around(mission)),
+        panel(f"{where}: position", "time [s]", "[m]",
               (line("X", t, log["x"]), line("Y", t, log["y"]))),
-        Panel(f"{heading}: heading and yaw rate", "time [s]", "ψ [°], ψ̇ [°/s]",
+        panel(f"{heading}: heading and yaw rate", "time [s]", "ψ [°], ψ̇ [°/s]",
               (line("ψ̇", t, degrees(log["yaw_rate"])),
                line("ψ", t, degrees(np.unwrap(log["psi"]))))),
-        Panel(f"{speed}: speed", "time [s]", "V [m/s]",
+        panel(f"{speed}: speed", "time [s]", "V [m/s]",
               (line("V", t, log["v"]), line("V_d", t, log["v_ref"], True))),
-        Panel(f"{references}: references", "time [s]", "V_d [m/s], ψ_d [rad]",
+        panel(f"{references}: references", "time [s]", "V_d [m/s], ψ_d [rad]",
               (line("V_d", t, log["v_ref"]), line("ψ_d", t, np.unwrap(log["psi_ref"])))),
     ]  # fmt: skip
     if commands:
         pwm = (line("left", t, log["pwm_l"] / 1e3), line("right", t, log["pwm_r"] / 1e3))
-        found.insert(4, Panel(f"{speed}: commands", "time [s]", "PWM [10³ µs]", pwm))
+        found.insert(4, panel(f"{speed}: commands", "time [s]", "PWM [10³ µs]", pwm))
     return tuple(found)
 
 
 def picture(
     title: str, result: MissionResult, mission: Mission, figures: Sequence[str], commands: bool
-) -> ResponsePicture:
+) -> PanelPicture:
     """The panels of one run."""
     x, y, _ = result.final
     words = f"{result.outcome} after {result.time_s:.1f} s at {place(x, y)}"
-    return ResponsePicture(title, words, panels(result, mission, figures, commands))
+    return PanelPicture(title, words, panels(result, mission, figures, commands))
 
 
 def first_simulink() -> Sheet:
@@ -323,13 +314,13 @@ def real_robot() -> Sheet:
             "K_pψ 0.3 lets the stronger track turn the robot longer than 0.4"),
     )  # fmt: skip
     found = (
-        Panel("8.23: path", "X [m]", "Y [m]",
+        panel("8.23: path", "X [m]", "Y [m]",
               (line("believed", log["x_est"], log["y_est"]),
                line("true", log["x"], log["y"], True)),
-              outlines=reaches(REAL)),
-        Panel("8.24: position", "time [s]", "[m]",
+              around=around(REAL)),
+        panel("8.24: position", "time [s]", "[m]",
               (line("X believed", t, log["x_est"]), line("Y believed", t, log["y_est"]))),
-        Panel("8.25: heading", "time [s]", "ψ [°]",
+        panel("8.25: heading", "time [s]", "ψ [°]",
               (line("believed", t, np.degrees(log["psi_est"])),
                line("true", t, np.degrees(log["psi"]), True))),
     )  # fmt: skip
@@ -337,7 +328,7 @@ def real_robot() -> Sheet:
     return Sheet(
         rows,
         "chapter8/mission1_robot.svg",
-        ResponsePicture("Mission 1 with the robot's sensors and filter", words, found),
+        PanelPicture("Mission 1 with the robot's sensors and filter", words, found),
     )
 
 
@@ -376,28 +367,27 @@ def comparisons() -> Sheet:
                  float(np.degrees(a["psi_ref"][: same].mean())), ".0f", MODEL),
     )  # fmt: skip
     found = (
-        Panel("8.26: mission 1", "X [m]", "Y [m]",
+        panel("8.26: mission 1", "X [m]", "Y [m]",
               (line("model", one.log["x"], one.log["y"]),
                line("equal tracks", two.log["x"], two.log["y"]),
                line("by forces", *_path(gazebo_by_forces(FIRST))),
-               line("robot, believed", real["x_est"], real["y_est"])), outlines=reaches(FIRST)),
-        Panel("8.27: X", "time [s]", "X [m]",
+               line("robot, believed", real["x_est"], real["y_est"])), around=around(FIRST)),
+        panel("8.27: X", "time [s]", "X [m]",
               (line("model", one.log["t"], one.log["x"]),
                line("robot, believed", real["t"], real["x_est"]))),
-        Panel("8.28: mission 2", "X [m]", "Y [m]",
+        panel("8.28: mission 2", "X [m]", "Y [m]",
               (line("model", a["x"], a["y"]), line("equal tracks", b["x"], b["y"]),
-               line("by forces", *_path(gazebo_by_forces(SECOND)))), True, discs_of(SECOND),
-              reaches(SECOND)),
-        Panel("8.29: reference of speed", "time [s]", "V_d [m/s]",
+               line("by forces", *_path(gazebo_by_forces(SECOND)))), True, around(SECOND)),
+        panel("8.29: reference of speed", "time [s]", "V_d [m/s]",
               (line("model", a["t"], a["v_ref"]), line("equal tracks", b["t"], b["v_ref"]))),
-        Panel("8.30: reference of heading", "time [s]", "ψ_d [°]",
+        panel("8.30: reference of heading", "time [s]", "ψ_d [°]",
               (line("model", a["t"], np.degrees(a["psi_ref"])),
                line("equal tracks", b["t"], np.degrees(b["psi_ref"])))),
     )  # fmt: skip
     return Sheet(
         rows,
         "chapter8/comparisons.svg",
-        ResponsePicture("The robots side by side", "", found),
+        PanelPicture("The robots side by side", "", found),
     )
 
 

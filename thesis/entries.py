@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.report.missions.plan_drawing import PlanPicture
-from sysid.report.missions.response_drawing import Line, ResponsePicture
+from sysid.report.panels import Curve, PanelPicture
 
 DRAWN = "drawn"
 """Stands for a published value where the thesis has a curve and prints no number of it."""
@@ -81,7 +81,7 @@ class Sheet:
 
     rows: tuple[Row, ...]
     file: str = ""
-    picture: ResponsePicture | PlanPicture | None = None
+    picture: PanelPicture | PlanPicture | None = None
     drawn_elsewhere: str = ""
 
 
@@ -133,10 +133,10 @@ def place(x: float, y: float, digits: int = 2) -> str:
 
 def line(
     name: str, x: NDArray[np.float64], y: NDArray[np.float64], reference: bool = False
-) -> Line:
+) -> Curve:
     """A line of a picture with no more points than it can show; steps stay steps."""
     bent = np.abs(np.diff(y, 2)) + np.abs(np.diff(x, 2)) > 1e-9  # between neighbours on a line
     corner = np.flatnonzero(np.concatenate([[True], bent, [True]]))
     step = max(1, -(-len(corner) // MOST_POINTS))
     keep = np.unique(np.append(corner[::step], len(x) - 1))
-    return Line(name, np.asarray(x)[keep], np.asarray(y)[keep], reference)
+    return Curve(name, np.asarray(x)[keep], np.asarray(y)[keep], colour=-int(reference))

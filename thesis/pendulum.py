@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.report.missions.response_drawing import Panel, ResponsePicture
+from sysid.report.panels import PanelPicture, panel
 from sysid.testbench.pendulum.study import inertia_of_period
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number
 
@@ -49,11 +49,11 @@ def swing() -> Sheet:
     angle = np.degrees(AMPLITUDE * np.cos(2 * np.pi * t / PERIOD))
     periods = np.linspace(1.70, 1.77, 71)
     panels = (
-        Panel("5.27: oscillation", "time [s]", "θ [°]", (line("θ", t[:200], angle[:200]),)),
-        Panel("§5.7: inertia against the period", "T [s]", "J [kg m²]",
+        panel("5.27: oscillation", "time [s]", "θ [°]", (line("θ", t[:200], angle[:200]),)),
+        panel("§5.7: inertia against the period", "T [s]", "J [kg m²]",
               (line("(5.7)", periods,
                     np.array([study.hanging.inertia(float(p)) for p in periods])),
                line("printed", periods, np.full(len(periods), 0.0652), True))),
     )  # fmt: skip
-    picture = ResponsePicture("The pendulum", "T = 1.735 s, 10 s of 35", panels, columns=2)
+    picture = PanelPicture("The pendulum", "T = 1.735 s, 10 s of 35", panels, columns=2)
     return Sheet(rows, "chapter5/pendulum.svg", picture)

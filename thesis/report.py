@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from sysid.report.markdown import table
-from sysid.report.missions.plan_drawing import PlanPicture
 from sysid.report.plots import write_picture
 from thesis import bench_motor, chapter2, chapter4, chapter5, chapter6, chapter7, chapter8, pendulum
 from thesis.entries import DISAGREES, DRAWN, MISPRINT, Item, Kind, Row, Sheet
@@ -70,10 +69,7 @@ def draw(folder: Path, sheet: Sheet) -> None:
         return
     file = folder / sheet.file
     file.parent.mkdir(parents=True, exist_ok=True)
-    if isinstance(sheet.picture, PlanPicture):
-        write_picture(file, sheet.picture)
-    else:
-        write_picture(file, sheet.picture)
+    write_picture(file, sheet.picture)
     made_small(file)
 
 

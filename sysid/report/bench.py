@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.estimation.assessment.delta_method import NORMAL
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.testbench.motor.characterise import MotorBench
 from sysid.testbench.motor.drive import DriveLog, motion
@@ -30,13 +30,11 @@ THESIS_STEP = 3.0
 THESIS_LOAD = 0.017
 """Load of the second of them, at the output shaft [Nm]."""
 
-Outline = tuple[Array, Array]
-
 MOST_LINES = 5
 """Voltages with a characteristic of their own: as many as the thesis draws."""
 
 
-def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePicture:
+def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> PanelPicture:
     """Characteristics, steps and steady states of a motor of the bench.
 
     Args:
@@ -57,9 +55,8 @@ def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePictu
     values = ", ".join(
         f"{n} {getattr(c, n):.4g}" for n in ("R", "Kem", "Kc", "f", "C0", "J") if getattr(c, n)
     )
-    return ResponsePicture(
-        "Motor on the bench", f"{values}, gear {c.gear:g} (SI); bands: 95 %", tuple(panels)
-    )
+    words = f"{values}, gear {c.gear:g} (SI); dots: measured; bands: 95 %"
+    return PanelPicture("Motor on the bench", words, tuple(panels))
 
 
 def voltages_of(bench: MotorBench) -> tuple[float, ...]:
@@ -76,19 +73,25 @@ def voltages_of(bench: MotorBench) -> tuple[float, ...]:
 def torque_speed_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:
     """Torque of the output shaft against its speed (figures 2.12 and 5.15)."""
     curves = [(v, torque_speed(c, v)) for v in voltages]
-    lines = tuple(Line(f"{v:g} V", speed, torque) for v, (speed, torque, _) in curves)
-    return Panel("torque and speed", "speed [rad/s]", "torque [Nm]", lines)
+    lines = [Curve(f"{v:g} V", speed, torque) for v, (speed, torque, _) in curves]
+    return panel("torque and speed", "speed [rad/s]", "torque [Nm]", lines)
 
 
 def current_torque_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:
     """Current against the torque of the output shaft (figure 6.6)."""
     curves = [(v, torque_speed(c, v)) for v in voltages]
-    lines = tuple(Line(f"{v:g} V", torque, current) for v, (_, torque, current) in curves)
-    return Panel("current and torque", "torque [Nm]", "current [A]", lines)
+    lines = [Curve(f"{v:g} V", torque, current) for v, (_, torque, current) in curves]
+    return panel("current and torque", "torque [Nm]", "current [A]", lines)
 
 
-def _band(bench: MotorBench, x: Array, curve: Callable[[MotorConstants], Array]) -> Outline:
-    """The 95 % band of a curve by the constants' covariance C: ± 1.96 √(∂y/∂c C ∂y/∂cᵀ)."""
+def _banded(
+    bench: MotorBench,
+    label: str,
+    x: Array,
+    curve: Callable[[MotorConstants], Array],
+    colour: int,
+) -> Curve:
+    """A curve with its 95 % band by the constants' covariance C: ± 1.96 √(∂y/∂c C ∂y/∂cᵀ)."""
     c, size = bench.constants, np.sqrt(np.diag(bench.covariance))
     at = np.array([getattr(c, n) for n in bench.names])
 
@@ -100,64 +103,59 @@ def _band(bench: MotorBench, x: Array, curve: Callable[[MotorConstants], Array])
     related = bench.covariance / np.outer(scale, scale)
     reach = NORMAL * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", moves, related, moves), 0.0))
     y = curve(c)
-    return np.append(x, x[::-1]), np.append(y - reach, (y + reach)[::-1])
+    return Curve(label, x, y, y - reach, y + reach, colour=colour)
 
 
 def step_panel(bench: MotorBench, voltage: float, loads: Sequence[float]) -> Panel:
     """Speed after a step from standstill, free and loaded (figures 6.3 and 6.4)."""
     seconds = 6.0 * time_constant(bench.constants)
-    lines, bands = [], []
-    for load in loads:
+    lines = []
+    for k, load in enumerate(loads):
 
         def speed(c: MotorConstants, load: float = load) -> Array:
             return step_response(c, voltage, load, seconds)[1]
 
         t = step_response(bench.constants, voltage, load, seconds)[0]
-        lines.append(Line(f"{load:g} Nm" if load else "free", t, speed(bench.constants)))
-        bands.append(_band(bench, t, speed))
-    title = f"step to {voltage:g} V"
-    return Panel(title, "time [s]", "speed [rad/s]", tuple(lines), outlines=tuple(bands))
+        lines.append(_banded(bench, f"{load:g} Nm" if load else "free", t, speed, k))
+    return Panel("step", f"step to {voltage:g} V", "time [s]", "speed [rad/s]", tuple(lines))
 
 
 def steady_panel(bench: MotorBench, tests: Sequence[SteadyTest], quantity: str) -> Panel:
     """Steady states, measured and by the constants, against the voltage (figure 6.5)."""
-    c, lines, bands = bench.constants, list[Line](), list[Outline]()
+    c, lines = bench.constants, list[Curve]()
     for test in tests:
         applied = np.abs(test.motor_torque(c.gear)) * c.gear
         for load in np.unique(np.round(applied, 9)).tolist()[: MOST_LINES - len(lines) // 2]:
             rows = np.isclose(applied, load) & np.isfinite(test.of(quantity))
             if rows.any():
                 words = f"{load:.3g} Nm" if load else "free"
-                v = test.voltage[rows]
+                v, colour = test.voltage[rows], len(lines) // 2
                 dense = np.linspace(float(v.min()), float(v.max()), 50)
 
                 def modelled(c: MotorConstants, v: Array = dense, load: float = load) -> Array:
                     return steady_state(c, v, load)[quantity == "current"]
 
-                lines.append(Line(words, v, test.of(quantity)[rows], dots=True))
-                lines.append(Line("constants" * (len(lines) == 1), dense, modelled(c), True))
-                bands.append(_band(bench, dense, modelled))
-    unit = "rad/s" if quantity == "speed" else "A"
-    up = f"{quantity} [{unit}]"
-    return Panel(f"steady {quantity}", "voltage [V]", up, tuple(lines), outlines=tuple(bands))
+                measured = test.of(quantity)[rows]
+                lines.append(Curve(words, v, measured, kind="dots", colour=colour))
+                lines.append(_banded(bench, "", dense, modelled, colour))
+    up = f"{quantity} [{'rad/s' if quantity == 'speed' else 'A'}]"
+    return Panel(quantity, f"steady {quantity}", "voltage [V]", up, tuple(lines))
 
 
 def stall_panel(bench: MotorBench, tests: Sequence[SteadyTest]) -> Panel:
     """Torque of the output shaft at standstill, measured and by the constants."""
-    c, lines, bands = bench.constants, list[Line](), list[Outline]()
-    for test in tests[:MOST_LINES]:
+    c, lines = bench.constants, list[Curve]()
+    for k, test in enumerate(tests[:MOST_LINES]):
         v = np.abs(test.voltage)
         measured = c.gear * np.abs(test.motor_torque(c.gear))
         dense = np.linspace(float(v.min()), float(v.max()), 50)
-        lines.append(Line("measured" if not lines else "", v, measured, dots=True))
+        lines.append(Curve("", v, measured, kind="dots", colour=k))
 
         def torque(c: MotorConstants, v: Array = dense) -> Array:
             return np.asarray(c.gear * (c.Kc * v / c.R - c.C0))
 
-        lines.append(Line("constants" if len(lines) == 1 else "", dense, torque(c), True))
-        bands.append(_band(bench, dense, torque))
-    title = "stall torque"
-    return Panel(title, "voltage [V]", "torque [Nm]", tuple(lines), outlines=tuple(bands))
+        lines.append(_banded(bench, "", dense, torque, k))
+    return Panel("stall", "stall torque", "voltage [V]", "torque [Nm]", tuple(lines))
 
 
 def drive_panels(c: MotorConstants, log: DriveLog) -> list[Panel]:
@@ -168,11 +166,11 @@ def drive_panels(c: MotorConstants, log: DriveLog) -> list[Panel]:
     shown = [("speed", "rad/s", speed, motor / c.gear)]
     shown += [] if log.current is None else [("current", "A", log.current, current)]
     return [
-        Panel(
+        panel(
             f"{name}, {log.name}",
             "time [s]",
             f"{name} [{unit}]",
-            (Line("measured", log.t, seen), Line("constants", log.t, computed, True)),
+            (Curve("measured", log.t, seen, colour=-1), Curve("constants", log.t, computed)),
         )
         for name, unit, seen, computed in shown
     ]
@@ -183,20 +181,20 @@ def draw_swing(path: Path, study: PendulumStudy) -> None:
     first = study.logs[0]
     o, degrees = first.oscillation, 180.0 / np.pi
     panels = [
-        Panel(
+        panel(
             f"swing, {first.swing.name}",
             "time [s]",
             "angle [°]",
             (
-                Line("measured", o.t, degrees * o.angle),
-                Line("fitted", o.t, degrees * o.fitted, reference=True),
+                Curve("measured", o.t, degrees * o.angle, colour=-1),
+                Curve("fitted", o.t, degrees * o.fitted),
             ),
         ),
-        Panel(
+        panel(
             "what the fit leaves",
             "time [s]",
             "angle [°]",
-            (Line("measured less fitted", o.t, degrees * (o.angle - o.fitted), dots=True),),
+            (Curve("", o.t, degrees * (o.angle - o.fitted), kind="dots"),),
         ),
     ]
     lines, most = [], 0.0
@@ -206,19 +204,16 @@ def draw_swing(path: Path, study: PendulumStudy) -> None:
         whole = free.numbers[2:] - free.numbers[:-2] == 2
         at = 0.5 * (sizes[1:] + sizes[:-1])[whole]
         each = (free.passages[2:] - free.passages[:-2])[whole]
-        lines.append(Line(log.swing.name, at, each, dots=True))
+        lines.append(Curve(log.swing.name, at, each, kind="dots"))
         most = max(most, float(at.max()))
     shown = np.linspace(0.0, most, 60)
     law = np.array([study.small_period / small_swing_period(1.0, a / degrees) for a in shown])
-    lines.append(Line("pendulum with T₀", shown, law, reference=True))
-    ends = law * (1.0 + NORMAL * study.small_std_error / study.small_period * np.array([[-1], [1]]))
-    band = np.append(shown, shown[::-1]), np.append(ends[0], ends[1][::-1])
-    panels.append(
-        Panel("each period", "amplitude [°]", "period [s]", tuple(lines), outlines=(band,))
-    )
+    reach = law * NORMAL * study.small_std_error / study.small_period
+    lines.append(Curve("pendulum with T₀", shown, law, law - reach, law + reach))
+    panels.append(panel("each period", "amplitude [°]", "period [s]", lines))
     write_picture(
         path,
-        ResponsePicture(
+        PanelPicture(
             f"Inertia {study.corrected:.4f} ± {NORMAL * study.corrected_std_error:.2g} kg m²",
             f"± and band 95 %; T₀ = {study.small_period:.5f} ± "
             f"{NORMAL * study.small_std_error:.2g} s, mean period "
@@ -231,32 +226,27 @@ def draw_swing(path: Path, study: PendulumStudy) -> None:
 def draw_power(path: Path, bench: PowerBench) -> None:
     """Draw each battery's voltage with its fit, and each staircase with its lines."""
     panels = [
-        Panel(
+        panel(
             f"battery, {b.name}",
             "time [s]" if b.charge is not None else "row",
             "voltage [V]",
-            (Line("measured", b.t, b.voltage), Line("fitted", b.t, b.fitted, reference=True)),
+            (Curve("measured", b.t, b.voltage, colour=-1), Curve("fitted", b.t, b.fitted)),
         )
         for b in bench.batteries[:3]
     ]
     for bridge in bench.bridges[:3]:
-        lines, bands = [], []
-        for name, d in bridge.directions().items():
+        lines = []
+        for k, (name, d) in enumerate(bridge.directions().items()):
             sign = 1.0 if name == "forward" else -1.0
-            lines.append(Line(name, d.drive, d.answer, dots=True))
+            lines.append(Curve(name, d.drive, d.answer, kind="dots", colour=k))
             shown = np.linspace(0.0, 1.0, 400)
             line = sign * d.line(shown)
-            lines.append(Line("_", sign * shown, line, reference=True))
             edge = d.gain * np.hypot(d.dead_band_std_error, d.jump_std_error)
             reach = NORMAL * np.interp(shown, [d.dead_band, 1.0], [edge, d.at_full_std_error])
             reach = np.where(line != 0.0, reach, 0.0)
-            x = sign * np.append(shown, shown[::-1])
-            bands.append((x, np.append(line - reach, (line + reach)[::-1])))
+            lines.append(Curve("", sign * shown, line, line - reach, line + reach, colour=k))
         title = f"bridge, {bridge.name} {bridge.side}".rstrip()
         up = f"{bridge.quantity} [{bridge.unit}]"
-        panels.append(Panel(title, "drive", up, tuple(lines), outlines=tuple(bands)))
-    columns = min(len(panels), 2)
+        panels.append(Panel("bridge", title, "drive", up, tuple(lines)))
     measured = ", ".join(f"{k} {m.value:.3g}" for k, m in bench.supply().items())
-    write_picture(
-        path, ResponsePicture("Power supply, bands 95 %", measured, tuple(panels), columns)
-    )
+    write_picture(path, PanelPicture("Power supply, bands 95 %", measured, tuple(panels)))

@@ -6,7 +6,7 @@ as CSV.
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -143,6 +143,27 @@ class Shown:
 
 Panels = tuple[Panel, ...]
 
+
+def panel(
+    title: str,
+    x: str,
+    y: str,
+    curves: Sequence[Curve],
+    equal: bool = False,
+    around: Sequence[Curve] = (),
+) -> Panel:
+    """A panel named by its title, whose curves take the colours in turn; references lie below.
+
+    Args:
+        curves: those of the colour -1 keep it.
+        around: what lies below all of them and keeps its colours.
+    """
+    references = [c for c in curves if c.colour < 0]
+    others = [c for c in curves if c.colour >= 0]
+    turned = [replace(c, colour=k) for k, c in enumerate(others)]
+    return Panel(title, title, x, y, (*around, *references, *turned), equal=equal)
+
+
 RAD = "frequency [rad/s]"
 
 
@@ -165,8 +186,7 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
         style.legend_above(axes, named, room=2.1 + wide)
     elif len(named) > ABOVE:
         lines = [axes.plot([], [], color=c, linewidth=w)[0] for c, w in named.values()]
-        where = "lower left" if panel.log_x else "upper right"
-        legend = axes.legend(lines, list(named), loc=where, frameon=True)  # type: ignore[call-overload]
+        legend = axes.legend(lines, list(named), loc="best", frameon=True)
         legend.get_frame().set(alpha=0.8, edgecolor="none")
 
 

@@ -9,10 +9,9 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.estimation.assessment.delta_method import NORMAL
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
-from sysid.robot.calibration.slip_curves import SlipPoint
 from sysid.robot.calibration.slip_model import Kinematic, Motion
 from sysid.robot.calibration.trajectory import Part, Trajectory
 from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -95,20 +94,19 @@ def draw_vehicle_fit(path: Path, name: str, fitted: VehicleFit) -> None:
     models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}
     starts = _pieces(part)
     paths = [
-        Line(k, *_path(part.trajectory, m.predicted_pose(part.trajectory), starts))
+        Curve(k, *_path(part.trajectory, m.predicted_pose(part.trajectory), starts))
         for k, m in models.items()
     ]
-    measured = Line(
-        "measured", *_path(part.trajectory, part.trajectory.pose, starts), reference=True
-    )
+    measured = Curve("measured", *_path(part.trajectory, part.trajectory.pose, starts), colour=-1)
     at = part.trajectory.at[part.windows[:, 0]]
     errors = {k: m.errors([part]) for k, m in models.items()}
-    away = [Line(k, at, (e[:, 0] ** 2 + e[:, 1] ** 2) ** 0.5) for k, e in errors.items()]
-    turned = [Line(k, at, e[:, 2]) for k, e in errors.items()]
+    away = [Curve(k, at, (e[:, 0] ** 2 + e[:, 1] ** 2) ** 0.5) for k, e in errors.items()]
+    turned = [Curve(k, at, e[:, 2]) for k, e in errors.items()]
+    held_out = f"held-out paths of {PIECE:g} s"
     panels = (
-        Panel(f"held-out paths of {PIECE:g} s", "x [m]", "y [m]", (*paths, measured), plane=True),
-        Panel("position after two seconds", "time [s]", "error [m]", tuple(away)),
-        Panel("heading after two seconds", "time [s]", "error [rad]", tuple(turned)),
+        panel(held_out, "x [m]", "y [m]", (*paths, measured), equal=True),
+        panel("position after two seconds", "time [s]", "error [m]", away),
+        panel("heading after two seconds", "time [s]", "error [rad]", turned),
         *_slip_panels(fitted),
     )
     acting = fitted.acting
@@ -118,7 +116,7 @@ def draw_vehicle_fit(path: Path, name: str, fitted: VehicleFit) -> None:
         f"{fitted.before.path:.3g} → {fitted.after.path:.3g} m, "
         f"{fitted.before.heading:.3g} → {fitted.after.heading:.3g} rad"
     )
-    write_picture(path, ResponsePicture(title, subtitle, panels))
+    write_picture(path, PanelPicture(title, subtitle, panels))
 
 
 def _pieces(part: Part) -> list[tuple[int, int]]:
@@ -163,25 +161,14 @@ def _slip_panels(fitted: VehicleFit) -> list[Panel]:
         shown = {"of the way": fitted.curves[key]}
         if key == "turning":
             shown["of the turn"] = fitted.curves["turn"]
-        curves = {name: points for name, points in shown.items() if points}
-        if curves:
-            lines = tuple(
-                Line(name, _column(points, "at"), _column(points, "slip"))
-                for name, points in curves.items()
-            )
-            bands = tuple(_band(points) for points in curves.values())
-            panels.append(Panel(f"lost against {words}", label, "share", lines, outlines=bands))
+        lines = []
+        for name, points in shown.items():
+            if points:
+                at, slip, error = np.array([(p.at, p.slip, p.std_error) for p in points]).T
+                lines.append(Curve(name, at, slip, slip - error, slip + error))
+        if lines:
+            panels.append(panel(f"lost against {words}", label, "share", lines))
     return panels
-
-
-def _column(points: tuple[SlipPoint, ...], name: str) -> Array:
-    return np.array([getattr(p, name) for p in points], dtype=np.float64)
-
-
-def _band(points: tuple[SlipPoint, ...]) -> tuple[Array, Array]:
-    """The closed line around a curve, one standard error away."""
-    at, slip, error = (_column(points, n) for n in ("at", "slip", "std_error"))
-    return np.concatenate([at, at[::-1]]), np.concatenate([slip + error, (slip - error)[::-1]])
 
 
 _RESIDUAL = 0.6
@@ -196,11 +183,10 @@ def draw_soil(path: Path, name: str, assessment: SoilAssessment) -> None:
     even = () if traction.spread().distribution == "uniform" else (_pressure(traction),)
     write_picture(
         path,
-        ResponsePicture(
+        PanelPicture(
             f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
             "bands: 95 %" if traction.soil.std else "",
             (_shear(traction), *even, _pull(assessment), _turning(assessment)),
-            columns=2,
         ),
     )
 
@@ -219,9 +205,9 @@ def _shear(traction: Traction) -> Panel:
         residual = soil.residual if soil.shear is law else _RESIDUAL
         ground = replace(soil, shear=law, residual=residual)
         label = "this: " if soil.shear is law else ""
-        lines.append(Line(label + said, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
+        lines.append(Curve(label + said, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
     title = f"Shear stress under the mean pressure, {mean / 1e3:.2g} kPa"
-    return Panel(title, "shear displacement [mm]", "shear stress [kPa]", tuple(lines))
+    return panel(title, "shear displacement [mm]", "shear stress [kPa]", lines)
 
 
 def _pressure(traction: Traction) -> Panel:
@@ -230,13 +216,13 @@ def _pressure(traction: Traction) -> Panel:
     p = traction.spread().at(x, traction.load(), v.contact_length, v.track_width)
     x, p = np.pad(x, 1, "edge"), np.pad(p, 1)  # from nothing to nothing: the axis begins at 0
     mean = float(traction.load()) / (v.contact_length * v.track_width)
-    return Panel(
+    return panel(
         "Normal pressure along a track",
         "from the front [mm]",
         "pressure [kPa]",
         (
-            Line(str(traction.spread().distribution), 1e3 * x, p / 1e3),
-            Line("mean", 1e3 * x, np.full(len(x), mean / 1e3), reference=True),
+            Curve(str(traction.spread().distribution), 1e3 * x, p / 1e3),
+            Curve("mean", 1e3 * x, np.full(len(x), mean / 1e3), colour=-1),
         ),
     )
 
@@ -248,13 +234,14 @@ def _pull(assessment: SoilAssessment) -> Panel:
     at = np.array([0.0, *(p.slip for p in assessment.pulls)])
     spread = np.array([0.0, *(p.pull.std_error or 0.0 for p in assessment.pulls)])
     band = NORMAL * np.interp(slips, at, spread)
-    outline = (np.append(slips, slips[::-1]), np.append(pull - band, (pull + band)[::-1]))
-    return Panel(
+    return panel(
         "Drawbar pull against slip",
         "slip [1]",
         "force [N]",
-        (Line("drawbar pull", slips, pull), Line("thrust", slips, traction.thrust(slips))),
-        outlines=(outline,) if np.any(spread) else (),
+        (
+            Curve("drawbar pull", slips, pull, pull - band, pull + band),
+            Curve("thrust", slips, traction.thrust(slips)),
+        ),
     )
 
 
@@ -271,19 +258,15 @@ def _turning(assessment: SoilAssessment) -> Panel:
     share = lateral_at_radius(1.0, radii, traction.vehicle.geometry.B)
     known = [(t.radius, t.moment.value, t.moment.std_error) for t in assessment.turns]
     at = np.array([k for k in known if None not in k and k[0] <= _FARTHEST], dtype=np.float64)
-    bands = []
-    if len(at) > 1:
-        band, m = NORMAL * np.interp(radii, at[:, 0], at[:, 2]), np.array(moments)
-        r, low, high = (v[np.isfinite(m)] for v in (radii, m - band, m + band))
-        bands.append((np.append(r, r[::-1]), np.append(low, high[::-1])))
-    return Panel(
+    m = np.array(moments)
+    band = NORMAL * np.interp(radii, at[:, 0], at[:, 2]) if len(at) > 1 else np.zeros(len(m))
+    return panel(
         "Moment against turning",
         "radius of the turn [m]",
         "moment [N m]",
         (
-            Line("shared shear strength", radii, np.array(moments)),
-            Line("μl, less on wide turns", radii, level * share),
-            Line("μl alone (2.36)", radii, np.full(len(radii), level), reference=True),
+            Curve("shared shear strength", radii, m, m - band, m + band),
+            Curve("μl, less on wide turns", radii, level * share),
+            Curve("μl alone (2.36)", radii, np.full(len(radii), level), colour=-1),
         ),
-        outlines=tuple(bands),
     )

@@ -16,9 +16,9 @@ from sysid.report.missions.panels import (
     through,
     way_panels,
 )
-from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
+from sysid.report.missions.plan_drawing import PlanPicture
 from sysid.report.missions.shown import ShownRuns
-from sysid.report.panels import Curve, Panel, PanelPicture
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.localize import Localization
 from sysid.robot.mission.measured.fan import UNITS, Comparison
@@ -113,13 +113,16 @@ def draw_localization(path: Path, name: str, localization: Localization) -> None
 def draw_plan(path: Path, name: str, mission: Mission, route: Plan) -> None:
     """Draw the way of the references, the field they follow, and what the laws give."""
 
-    def panel(title: str, across: str, up: str, curves: Curves) -> CurvePanel:
-        return CurvePanel(
-            title, across, up, curves.gain, curves.values, curves.distance, curves.quantity
-        )
+    def by_gain(title: str, across: str, up: str, of: Curves) -> Panel:
+        """The quantity for each value of a gain; the mission's is the middle one."""
+        lines = [
+            Curve(f"{of.gain} {value:.3g}", of.distance, quantity)
+            for value, quantity in zip(of.values, of.quantity, strict=True)
+        ]
+        return panel(title, across, up, lines)
 
     panels = [
-        panel(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
+        by_gain(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
         for what, whom, curves in (
             ("attraction", "the goal", route.attraction),
             ("repulsion", "an obstacle's point", route.repulsion),
@@ -127,7 +130,7 @@ def draw_plan(path: Path, name: str, mission: Mission, route: Plan) -> None:
         if curves is not None
     ]
     panels += [
-        panel(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
+        by_gain(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
         for c in route.speeds
     ]
     facts = [f"{route.length_m:.2f} m of way"]

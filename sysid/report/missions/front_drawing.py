@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
-from sysid.report.missions.response_drawing import Panel, draw_panel
+from sysid.report.panels import Panel, draw_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -80,7 +80,7 @@ def surroundings(mission: Mission, seconds: float = 0.0) -> list[Curve]:
     curves = [through("", np.array(p), kind="area", colour=GREY) for p in mission.polygons]
     curves += [through("", np.array(wall), colour=GREY) for wall in mission.walls]
     for o in mission.obstacles:
-        curves.append(through("", _round(o.x, o.y, o.radius), kind="area", colour=GREY))
+        curves.append(disc(o.x, o.y, o.radius))
         if any(o.velocity):
             vx, vy = o.velocity
             end = _round(o.x + vx * seconds, o.y + vy * seconds, o.radius)
@@ -90,8 +90,12 @@ def surroundings(mission: Mission, seconds: float = 0.0) -> list[Curve]:
         curves.append(through("line to follow", course, colour=1))
     if mission.waypoints:
         curves.append(through("waypoints", np.array(mission.waypoints), kind="marks", colour=1))
-    goal = _round(*mission.goal, mission.tolerance)
-    return [*curves, through("", goal, kind="area", colour=GREEN)]
+    return [*curves, disc(*mission.goal, mission.tolerance, GREEN)]
+
+
+def disc(x: float, y: float, radius: float, colour: int = GREY) -> Curve:
+    """A filled circle of the plane [m]."""
+    return through("", _round(x, y, radius), kind="area", colour=colour)
 
 
 def through(label: str, points: Array, kind: Kind = "line", colour: int = 0) -> Curve:

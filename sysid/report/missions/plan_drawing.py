@@ -8,6 +8,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.report import style
 from sysid.report.missions.outlines import circle
+from sysid.report.panels import Panels, draw_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,29 +16,6 @@ if TYPE_CHECKING:
 
 _FIRST_ROW, _OTHER_ROW = 4.1, 2.3
 """Heights of the rows [in]."""
-
-_SHADES = ("#c6d5e3", "#8fb0cc", style.BLUE, "#0b4f79", "#072c44")
-"""Small to large values of a gain, the mission's own in the middle."""
-
-
-@dataclass(frozen=True, eq=False)
-class CurvePanel:
-    """One quantity against a distance for several values of a gain.
-
-    Attributes:
-        title, across, up: words of the panel and of its axes.
-        values: of the gain, (n,); the middle one is the mission's.
-        distance: (N,) [m].
-        quantity: (n, N).
-    """
-
-    title: str
-    across: str
-    up: str
-    gain: str
-    values: tuple[float, ...]
-    distance: Array
-    quantity: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +46,11 @@ class PlanPicture:
     discs: tuple[tuple[float, float, float], ...]
     walls: tuple[tuple[float, float, float, float], ...]
     ends: tuple[tuple[float, float], ...]
-    panels: tuple[CurvePanel, ...]
+    panels: Panels
 
     def draw(self, figure: "Figure") -> None:
         """Draw the map and the potential above the forces and the references of speed."""
-        rows = _rows(self)
+        rows = [row for row in (self.panels[:2], self.panels[2:]) if row]  # forces, speeds
         height = 0.7 + _FIRST_ROW + _OTHER_ROW * len(rows)
         style.heading(figure, height, self.title, self.subtitle)
         grid = figure.add_gridspec(
@@ -86,13 +64,7 @@ class PlanPicture:
         for k, row in enumerate(rows, start=1):
             width = 6 // len(row)
             for j, panel in enumerate(row):
-                _draw_curves(figure.add_subplot(grid[k, j * width : (j + 1) * width]), panel)
-
-
-def _rows(picture: PlanPicture) -> list[tuple[CurvePanel, ...]]:
-    """Forces in one row, speeds in the next."""
-    forces, speeds = picture.panels[:2], picture.panels[2:]
-    return [row for row in (forces, speeds) if row]
+                draw_panel(figure.add_subplot(grid[k, j * width : (j + 1) * width]), panel)
 
 
 def _draw_map(axes: "Axes", picture: PlanPicture) -> None:
@@ -152,15 +124,3 @@ def _draw_surface(axes: Any, picture: PlanPicture) -> None:
     axes.tick_params(labelsize=style.SMALL - 1, pad=-1)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color("#ffffff")
-
-
-def _draw_curves(axes: "Axes", panel: CurvePanel) -> None:
-    chosen = len(panel.values) // 2
-    for k, (value, line) in enumerate(zip(panel.values, panel.quantity, strict=True)):
-        width = 2.2 if k == chosen else 1.2
-        axes.plot(panel.distance, line, color=_SHADES[k], linewidth=width, label=f"{value:.3g}")
-    axes.set_xlabel(panel.across)
-    axes.set_ylabel(panel.up)
-    axes.set_title(panel.title)
-    axes.set_ylim(bottom=0.0)
-    axes.legend(title=panel.gain, loc="best", borderaxespad=0.6, title_fontsize=style.SMALL)

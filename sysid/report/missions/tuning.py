@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
-from sysid.report.missions.response_drawing import Line, Panel
+from sysid.report.panels import Curve, Panel, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.contracts import Controller
 from sysid.robot.mission.simulator import simulate
@@ -96,12 +96,12 @@ def _answers(given: Mission, tuning: Tuning, model: Model) -> tuple[Panel, ...]:
             run["t"] >= tuning.test.yaw_at - steps.control.period,
         )
         psi = np.degrees(np.unwrap(run["psi"]))
-        speed.append(Line(name, run["t"][first], run["v"][first]))
-        yaw.append(Line(name, run["t"][turning], psi[turning]))
+        speed.append(Curve(name, run["t"][first], run["v"][first]))
+        yaw.append(Curve(name, run["t"][turning], psi[turning]))
     v_ref, psi_ref = run["v_ref"][first], np.degrees(run["psi_ref"][turning])
-    speed.append(Line("reference", run["t"][first], v_ref, reference=True))
-    yaw.append(Line("reference", run["t"][turning], psi_ref, reference=True))
+    speed.append(Curve("reference", run["t"][first], v_ref, colour=-1))
+    yaw.append(Curve("reference", run["t"][turning], psi_ref, colour=-1))
     return (
-        Panel("step of the speed", "time [s]", "V [m/s]", tuple(speed)),
-        Panel("step of the yaw and back", "time [s]", "ψ [°]", tuple(yaw)),
+        panel("step of the speed", "time [s]", "V [m/s]", speed),
+        panel("step of the yaw and back", "time [s]", "ψ [°]", yaw),
     )
