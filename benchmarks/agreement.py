@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.record import Array
+from sysid.robot.mission.batch.figures import Figures
+from sysid.robot.mission.batch.runner import BatchRunner
 from sysid.robot.mission.batch.setup import Setup
-from sysid.robot.mission.monte_carlo.varied_runs import Figures, figures_alone
 
 TOLERANCE = 1e-9
 """Difference up to which figures agree: hundreds of steps, each rounded otherwise, keep below it;
@@ -41,6 +43,12 @@ class Agreement:
         return 1.0 - len(self.apart) / self.runs
 
 
+def figures_alone(setup: Setup, seed: int) -> Array:
+    """Figures of one run, driven alone in NumPy."""
+    runner = BatchRunner(setup, setup.choice(seed), 1, alone=True)
+    return np.concatenate(runner.of(runner.variant.sampler.draw([seed])).figures)
+
+
 def agreement(setup: Setup, seeds: Sequence[int], figures: Figures) -> Agreement:
     """Drive runs again, one after the other in NumPy, and compare every figure.
 
@@ -53,7 +61,7 @@ def agreement(setup: Setup, seeds: Sequence[int], figures: Figures) -> Agreement
     """
     largest, apart = 0.0, []
     for k, seed in enumerate(seeds):
-        alone = np.array(figures_alone(setup, seed))
+        alone = figures_alone(setup, seed)
         together = np.array([float(column[k]) for column in figures])
         same = (alone == together) | (np.isnan(alone) & np.isnan(together))
         with np.errstate(invalid="ignore"):  # infinities that differ

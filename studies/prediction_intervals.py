@@ -15,16 +15,18 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.agreement import figures_alone
 from studies.runner import Study, by_case
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.estimation.pem import fit
 from sysid.report.markdown import table
+from sysid.robot.mission.batch.figures import Figures
+from sysid.robot.mission.batch.runner import BatchRunner
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.varied_runs import Figures, VariedRuns, figures_alone
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
@@ -139,9 +141,9 @@ def setup_of(case: Case, seed: int) -> Setup:
 
 
 @cache
-def compiled(name: str) -> VariedRuns:
+def compiled(name: str) -> BatchRunner:
     """The loop of a case, compiled for its first twin: what another twin has other is arguments."""
-    return VariedRuns(setup_of(case_of(name), 0), 0, RUNS)
+    return BatchRunner(setup_of(case_of(name), 0), 0, RUNS)
 
 
 def case_of(name: str) -> Case:
@@ -156,9 +158,9 @@ def simulated(name: str, setup: Setup, seed: int) -> Figures:
         AssertionError: a run alone ends otherwise, so that the loop is none for this twin.
     """
     seeds = run_seeds(seed, RUNS)
-    found = compiled(name).of(setup.plant_variants[0].sampler.draw(seeds))
+    found = compiled(name).of(setup.plant_variants[0].sampler.draw(seeds)).figures
     if seed < 3:
-        alone = np.array(figures_alone(setup, seeds[7]))
+        alone = figures_alone(setup, seeds[7])
         assert np.allclose(alone, [column[7] for column in found], atol=1e-9, equal_nan=True)
     return found
 

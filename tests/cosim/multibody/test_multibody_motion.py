@@ -18,9 +18,9 @@ from sysid.cosim.multibody.machine import Machine
 from sysid.cosim.multibody.motion import STAND_IN, Multibody
 from sysid.errors import DataError, ModelError
 from sysid.export.package import write_package
+from sysid.robot.mission.batch.runner import why_not_at_once
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import MotionInputs
-from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission

@@ -16,6 +16,9 @@ import sysid
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.robot.mission.batch.figures import Driven, Figures
+from sysid.robot.mission.batch.runner import BatchRunner
+from sysid.robot.mission.batch.sampler import Numbers
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ControlInputs
 from sysid.robot.mission.control.axes import AxisController
@@ -25,9 +28,8 @@ from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.result import write_log
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
-from sysid.robot.mission.tuning.criteria import Criteria, Driven, StepTest, criteria
+from sysid.robot.mission.tuning.criteria import SHOWN, Criteria, StepTest, criteria
 from sysid.robot.mission.tuning.front import front, non_dominated
-from sysid.robot.mission.tuning.gain_runs import GainRuns, Runs
 from sysid.robot.mission.tuning.gain_space import GainSpace
 from sysid.robot.mission.tuning.search import SearchOptions, tune
 from sysid.robot.mission.tuning.tuned import Tuning
@@ -104,17 +106,19 @@ def test_runs_side_by_side_are_runs_one_by_one() -> None:
     """With a sensor's noise, and two or three commands a sample."""
     sensors = {"encoders": None}
     mission = goal(0.4, 0.1, obstacles=[(0.2, 0.5)], sensors=sensors, control={"period": 0.04})
-    setup = Setup.of(mission, [Robot()], ["parameters"])
-    runner = GainRuns(setup, 0, 4, GainSpace.of(mission.control).names, recorded=True)
+    setup = Setup.of(mission, [Robot()], ["parameters"], GainSpace.of(mission.control).names)
     gains = np.array([[2.0, 1.85, 0.4], [0.5, 0.0, 1.5], [9.0, 9.0, 0.1]])
-    runs = Runs(gains, np.zeros((3, 0)), (0, 7, 7))
-    together, alone = runner.together(runs), runner.one_by_one(runs)
-    for one, other in zip(together[:4], alone[:4], strict=True):
+    nominal = setup.plant_variants[0].nominal
+    numbers = Numbers(*(np.array([v] * 3) for v in nominal))._replace(gains=gains)
+    together, single = (
+        BatchRunner(setup, 0, 4, SHOWN, alone=alone).drive(numbers, (0, 7, 7), recorded=True)
+        for alone in (False, True)
+    )
+    for one, other in zip(together.figures, single.figures, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-    rows = int(together.time_s.min() / 0.1)
+    rows = int(together.figures.time_s.min() / 0.1)
     # hundreds of steps, each rounded otherwise
-    np.testing.assert_allclose(together.v[:rows], alone.v[:rows], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(together.psi[:rows], alone.psi[:rows], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(together.rows[:rows], single.rows[:rows], rtol=0, atol=1e-9)
 
 
 class Branching(SpeedPIYawP):
@@ -142,9 +146,9 @@ def test_rise_and_overshoot_are_those_of_the_answers() -> None:
     v = 0.3 * -np.expm1(-t / 0.5)
     psi = np.where(t < 5, 0.05, np.where(t < 10, np.minimum(0.05 + (t - 5), 1.15), 1.0))
     psi = np.where(t >= 10, np.maximum(1.0 - (t - 10), -1.0), psi)
-    ended = (np.array([Verdict.ARRIVED]), np.array([15.0]), np.array([np.inf]), np.array([3.0]))
-    runs = Driven(*ended, t, v[:, None], psi[:, None])
-    seen = criteria(test, runs, runs)
+    ended = Figures(*(np.array([f]) for f in (Verdict.ARRIVED, 15.0, 0, 0, 0, 0, np.inf, 0, 3.0)))
+    runs = Driven(ended, t, np.stack([v, psi], axis=1)[:, :, None])
+    seen = criteria(test, runs, ended)
     # Lines between samples of 0.01 s are off by a tenth of a millisecond.
     assert seen.rise_speed_s[0] == pytest.approx(0.5 * np.log(9.0), abs=1e-3)
     assert seen.overshoot_speed[0] == 0.0
@@ -152,7 +156,7 @@ def test_rise_and_overshoot_are_those_of_the_answers() -> None:
     assert seen.overshoot_yaw[0] == pytest.approx(10.0, abs=1e-6)
     assert seen.error_speed[0] == pytest.approx(0.0, abs=0.02)  # e⁻⁹
     assert seen.error_yaw[0] == pytest.approx(15.0)  # it ended at 1.15 of 1
-    slow = criteria(test, runs._replace(v=0.8 * v[:, None]), runs)
+    slow = criteria(test, runs._replace(rows=runs.rows * [[0.8], [1.0]]), ended)
     assert slow.error_speed[0] == pytest.approx(20.0, abs=0.02)
     assert np.isinf(slow.rise_speed_s[0])
 

@@ -6,21 +6,32 @@ Both clocks of a mission are arrays for it, in blocks of samples.
 """
 
 import itertools
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.errors import ModelError
+from sysid.errors import ModelError, SysidError
+from sysid.robot.mission.batch.figures import (
+    FAILED,
+    NOTHING,
+    Driven,
+    Figures,
+    figures_of,
+    joined,
+    stacked,
+)
+from sysid.robot.mission.batch.pool import PROCESSES, Job
+from sysid.robot.mission.batch.sampler import Numbers, Samples
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
+from sysid.robot.mission.clearance import off_line
 from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict, ticks
 from sysid.robot.mission.noise import generator
-from sysid.robot.mission.simulator import LIMITS
+from sysid.robot.mission.simulator import LIMITS, closed_loop, simulate
 from sysid.runners.compiled import compiled, jax_module
 
 BLOCK = 32
@@ -91,8 +102,9 @@ BATCH_SIZE = 1024
 """Runs side by side at most. Their states fit into a core's cache, and a call of compiled code
 costs little beside them. The result of a run does not depend on it beyond rounding."""
 
-FAILED = 6
-"""The verdict, beside those of the loop, of a run whose plant or law gives no numbers."""
+RUNS_ALONE = 64
+"""Runs that a process is given at a time where they go one by one: to wire the plant anew costs as
+much as a few."""
 
 
 class NotCompiledError(ModelError):
@@ -100,44 +112,21 @@ class NotCompiledError(ModelError):
 
 
 @dataclass(frozen=True, eq=False)
-class BatchRunner(ABC):
-    """The runs of one setup by one of its plants; a kind says what differs and what is kept.
+class BatchRunner:
+    """The runs of one setup by one of its plants, side by side or one by one.
 
     Attributes:
+        which: of the setup's plants.
         batch_size: runs side by side; fewer are padded.
-        figures: named tuple of what a run comes to, its ``verdict`` first.
+        shown: columns of the log that are handed out of every sample.
+        alone: whether the runs go one after the other, in NumPy.
     """
 
     setup: Setup
     which: int
     batch_size: int
-
-    figures: ClassVar[Callable[..., Any]]
-
-    @property
-    @abstractmethod
-    def example(self) -> Any:
-        """A tuple of what differs from run to run, of one of them."""
-
-    @abstractmethod
-    def loop(self, numbers: Any) -> Loop:
-        """The loop of one run, on traced numbers."""
-
-    @abstractmethod
-    def after_sample(self, loop: Loop, state: LoopState, verdict: Any) -> Any:
-        """The figures of one run after a sample, those that add up of this sample alone."""
-
-    @abstractmethod
-    def added(self, before: Any, seen: Any) -> Any:
-        """The figures so far: ``seen`` with those that add up."""
-
-    @abstractmethod
-    def shown(self, figures: Any, row: Any) -> Any:
-        """What is handed out of every sample.
-
-        Args:
-            row: :data:`sysid.robot.mission.loop.COLUMNS` of every run, (columns, batch_size).
-        """
+    shown: tuple[str, ...] = ("x", "y", "psi")
+    alone: bool = False
 
     @property
     def variant(self) -> PlantVariant:
@@ -149,27 +138,62 @@ class BatchRunner(ABC):
         """The samples of plant and control."""
         return Clock(self.variant.robot.dt, self.setup.mission.control.period)
 
-    def run(
-        self, numbers: Any, seeds: Sequence[int], recorded: bool = False
-    ) -> tuple[Any, Array, Any]:
-        """Run them all to their ends.
+    def of(self, samples: Samples, recorded: bool = False) -> Driven:
+        """Run samples to their ends."""
+        noise = [self.setup.noise_seed(s) for s in samples.seeds]
+        return self.drive(samples.numbers, noise, recorded)
+
+    def drive(self, numbers: Numbers, seeds: Sequence[int], recorded: bool = False) -> Driven:
+        """Run them all to their ends, one by one on the cores that there are.
 
         Args:
-            numbers: a tuple of what differs from run to run, runs along axis 0; at most
-                ``batch_size`` of them.
+            numbers: what differs from run to run, runs along axis 0.
             seeds: of the sensors' noise, one a run.
             recorded: whether what is shown of the samples is kept.
-
-        Returns:
-            The figures; of what is recorded the instants, (T,) [s], and the values, (T, …, runs).
         """
+        size, n = RUNS_ALONE if self.alone else self.batch_size, len(seeds)
+        parts = [
+            (Numbers(*(v[at] for v in numbers)), tuple(seeds[k] for k in at), recorded)
+            for at in np.array_split(np.arange(n), -(-n // size))
+        ]
+        if self.alone and len(parts) > 1:
+            return joined(list(self._job.results(parts, PROCESSES)))
+        return joined([self.part(part) for part in parts])
+
+    def part(self, part: tuple[Numbers, tuple[int, ...], bool]) -> Driven:
+        """As :meth:`drive`, at most ``batch_size`` runs where they go side by side."""
+        numbers, seeds, recorded = part
+        if not self.alone:
+            return self._together(numbers, seeds, recorded)
+        each = [(numbers.run(k), seed) for k, seed in enumerate(seeds)]
+        return joined([self._single(run, seed, recorded) for run, seed in each])
+
+    @cached_property
+    def _job(self) -> Job:
+        return Job(_parts_of, (self.setup, self.which, self.batch_size, self.shown, True))
+
+    def _single(self, numbers: Numbers, seed: int, recorded: bool) -> Driven:
+        """One run in NumPy; one that gives no numbers counts as failed."""
+        mission, robot = self.variant.single(numbers)
+        try:
+            result = simulate(mission, robot, seed, self.variant.robot)
+        except ModelError:
+            rows = np.full((int(recorded), len(self.shown), 1), np.nan)
+            return Driven(stacked([NOTHING]), np.zeros(len(rows)), rows)
+        figures = stacked([figures_of(result, robot.dt)])
+        if not recorded:
+            return Driven(figures, np.zeros(0), np.zeros((0, len(self.shown), 1)))
+        rows = np.stack([result.log[name] for name in self.shown], axis=1)[:, :, None]
+        return Driven(figures, result.log["t"], rows)
+
+    def _together(self, numbers: Numbers, seeds: Sequence[int], recorded: bool) -> Driven:
         jax = jax_module()
         jnp, n = jax.numpy, len(seeds)
         rows = np.minimum(np.arange(self.batch_size), n - 1)
         numbers = jax.tree.map(lambda values: jnp.asarray(values[rows]), numbers)
         noise = self._noise([seeds[k] for k in rows])
         state, ended = self._starts(numbers), self._nothing
-        times, kept = [np.zeros(0)], list[Any]()
+        times, kept = [np.zeros(0)], [np.zeros((0, len(self.shown), n))]
         for k in itertools.count():
             block = self.clock.block(k)
             program = self._program(tuple(self.clock.patterns))
@@ -177,12 +201,13 @@ class BatchRunner(ABC):
             (state, ended), shown = program(numbers, state, ended, at, next(noise))
             if recorded:
                 times.append(block.t)
-                kept.append(jax.tree.map(lambda values: np.asarray(values)[..., :n], shown))
+                kept.append(np.asarray(shown)[..., :n])
             if bool(np.all(np.asarray(ended.verdict) != Verdict.GOES_ON)):
                 break
-        figures = self.figures(*(np.asarray(column)[:n].copy() for column in ended))
-        values = jax.tree.map(lambda *parts: np.concatenate(parts), *kept) if kept else None
-        return figures, np.concatenate(times), values
+        figures = Figures(*(np.asarray(column)[:n].copy() for column in ended))
+        t = np.concatenate(times)
+        before_all_ended = t <= figures.time_s.max()
+        return Driven(figures, t[before_all_ended], np.concatenate(kept)[before_all_ended])
 
     def check(self) -> None:
         """Trace one run without running it; raises whatever keeps it from being compiled."""
@@ -190,10 +215,23 @@ class BatchRunner(ABC):
 
     # ------------------------------------------------------------------------------ one run
 
+    def _loop(self, numbers: Numbers) -> Loop:
+        """The loop of one run, on traced numbers."""
+        variant, xp = self.variant, jax_module().numpy
+        mission, robot = (
+            variant.sampler.varied(numbers),
+            variant.robot_of(numbers.theta, numbers.slip),
+        )
+        there = mission.scene()
+        scene = variant.scene._replace(
+            start=there.start, obstacles=there.obstacles, car=there.car, floor=there.floor
+        )
+        return closed_loop(mission, robot, scene, xp, variant.shaper)
+
     def _start(self, numbers: Any) -> LoopState:
         """Before the first sample, after the steps without drive that bring it to rest."""
         jax = jax_module()
-        jnp, loop = jax.numpy, self.loop(numbers)
+        jnp, loop = jax.numpy, self._loop(numbers)
         state = loop.start()
         plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
         steps = self.variant.settling_steps
@@ -211,19 +249,19 @@ class BatchRunner(ABC):
             t, dt, instants = at
             early = tuple(instants[k] for k in range(before))
             late = tuple(instants[before + k] for k in range(now))
-            loop = self.loop(numbers)
+            loop = self._loop(numbers)
             after, row = loop.sample(state, Tick(t, dt, early, late), draws)
             row = jnp.stack([jnp.asarray(value, jnp.float64) for value in row[: len(COLUMNS)]])
             broken = ~jnp.all(jnp.isfinite(row)) | jnp.any(jnp.abs(row[3:5]) >= LIMITS.wheel_speed)
             verdict = jnp.where(broken, FAILED, after.verdict)
-            return after, self.after_sample(loop, after, verdict)._replace(time_s=t), row
+            return after, _after_sample(loop, after, verdict, t), row
 
         return sample
 
     @cached_property
     def _types(self) -> Any:
         """Types of the state's numbers after a sample, which it begins with as well."""
-        jax, one = jax_module(), self.example
+        jax, one = jax_module(), self.variant.nominal
         state = jax.eval_shape(self._start, one)
         draws = tuple(np.zeros(s.draws) for s in self.variant.scene.sensors.values())
         at = (0.0, 0.0, np.zeros(1))
@@ -239,8 +277,8 @@ class BatchRunner(ABC):
     @property
     def _nothing(self) -> Any:
         jnp = jax_module().numpy
-        zeros = [jnp.zeros(self.batch_size)] * (len(self.figures._fields) - 1)  # type: ignore[attr-defined]
-        return self.figures(jnp.zeros(self.batch_size, jnp.int64), *zeros)
+        zeros: Any = [jnp.zeros(self.batch_size)] * (len(Figures._fields) - 1)
+        return Figures(jnp.zeros(self.batch_size, jnp.int64), *zeros)
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:
@@ -267,6 +305,11 @@ class BatchRunner(ABC):
         jax = jax_module()
         jnp, types = jax.numpy, self._types
         branches = [jax.vmap(self._sampled(p), in_axes=(0, 0, None, 0)) for p in patterns]
+        shown = np.array([COLUMNS.index(name) for name in self.shown], dtype=np.intp)
+
+        def added(before: Figures, seen: Figures) -> Figures:
+            farthest = jnp.maximum(before.max_deviation_m, seen.max_deviation_m)
+            return seen._replace(max_deviation_m=farthest, effort=before.effort + seen.effort)
 
         def block(numbers: Any, state: Any, ended: Any, clock: Any, noise: Any) -> Any:
             def sample(carried: Any, given: Any) -> Any:
@@ -280,15 +323,15 @@ class BatchRunner(ABC):
                             jnp.broadcast_to(v, (self.batch_size,)).astype(e.dtype)
                             for v, e in zip(seen, ended, strict=True)
                         )
-                        return jax.tree.map(jnp.asarray, after, types), self.figures(*columns), row
+                        return jax.tree.map(jnp.asarray, after, types), Figures(*columns), row
 
                     return run
 
                 state, seen, row = jax.lax.switch(kind, [one(b) for b in branches], state)
                 over = ended.verdict != Verdict.GOES_ON
-                both = zip(ended, self.added(ended, seen), strict=True)
-                ended = self.figures(*(jnp.where(over, a, b) for a, b in both))
-                return (state, ended), self.shown(ended, row.T)
+                both = zip(ended, added(ended, seen), strict=True)
+                ended = Figures(*(jnp.where(over, a, b) for a, b in both))
+                return (state, ended), row.T[shown]
 
             return jax.lax.scan(sample, (state, ended), (clock, noise))
 
@@ -307,3 +350,49 @@ class BatchRunner(ABC):
                 numbers = {s: stream.standard_normal((BLOCK, n)) for s, stream in streams.items()}
                 arrays.append(jnp.asarray(np.stack([numbers[s] for s in seeds], axis=1)))
             yield tuple(arrays)
+
+
+def _after_sample(loop: Loop, state: LoopState, verdict: Any, t: Any) -> Figures:
+    """The figures of one run after a sample; largest deviation and effort of this sample alone."""
+    pose, progress, scene, command = state.body.pose, state.progress, loop.scene, state.command
+    aside = off_line(pose.x, pose.y, scene.start, scene.goal, loop.xp)
+    effort: Any = (command.v_cmd**2 + command.psi_cmd**2) * loop.plant.dt
+    return Figures(verdict, t, *pose, progress.path_length, progress.clearance, aside, effort)
+
+
+def _parts_of(given: tuple[Any, ...]) -> Callable[[Any], Driven]:
+    return BatchRunner(*given).part
+
+
+def why_not_at_once(setup: Setup) -> str:
+    """What keeps the runs of a setup from going side by side; empty for nothing.
+
+    A law or a plant that takes its numbers for Python's, by ``if``, ``float`` or a function of
+    NumPy, can be run and not traced.
+    """
+    for which in range(len(setup.plants)):
+        try:
+            BatchRunner(setup, which, 1).check()
+        except SysidError as error:
+            return str(error)
+        except Exception as error:  # whatever a law of another package raises on traced numbers
+            first = str(error).strip().partition("\n")[0]
+            return f"{_culprit(setup, which, error)} cannot be compiled ({first})"
+    return ""
+
+
+def _culprit(setup: Setup, which: int, error: BaseException) -> str:
+    """The part whose method was running when it failed."""
+    mission, variant = setup.mission, setup.plant_variants[which]
+    parts = {
+        type(getattr(mission, role)): f"the law of {role}"
+        for role in ("guidance", "control", "navigation", "motion")
+    }
+    parts |= {type(s): f"the sensor {name}" for name, s in variant.scene.sensors.items()}
+    plant = f"the plant {setup.plants[which].name}"
+    parts |= {type(variant.robot): plant, type(setup.plants[which]): plant}
+    culprit, place = "the loop of the mission", error.__traceback__
+    while place is not None:
+        culprit = parts.get(type(place.tb_frame.f_locals.get("self")), culprit)
+        place = place.tb_next
+    return culprit

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from sysid.robot.mission.batch.physics import PhysicsSampler
 from sysid.robot.mission.batch.varied_plant import Flags, VariedPlant
 from sysid.robot.mission.contracts import TurnsTracks
 from sysid.robot.mission.noise import generator
+from sysid.robot.mission.settings import TunedSettings
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation
 from sysid.vehicle.floor import Polygon
@@ -51,6 +52,11 @@ class Numbers(NamedTuple):
     obstacles: Any
     slip: Any
     physics: Any
+    gains: Any
+
+    def run(self, k: int) -> "Numbers":
+        """One of many runs, in plain numbers."""
+        return Numbers(*(values[k].tolist() for values in self))
 
 
 class Samples(NamedTuple):
@@ -81,7 +87,8 @@ class Samples(NamedTuple):
     @property
     def numbers(self) -> Numbers:
         """What the runs take."""
-        return Numbers(self.theta, self.start, self.obstacles, self.slip, self.physics)
+        drawn = self.theta, self.start, self.obstacles, self.slip, self.physics
+        return Numbers(*drawn, np.zeros((len(self.seeds), 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +101,15 @@ class Sampler:
     the distribution on the condition that it can be driven. Where hardly any draw of a plant is
     feasible, because its log does not determine some directions of θ, those are drawn less far; a
     path of one input that would be unstable by itself stays as estimated.
+
+    Attributes:
+        gains: names of the controller's gains that are not drawn but given to each run.
     """
 
     mission: Mission
     plant: VariedPlant
     variation: Variation
+    gains: tuple[str, ...] = ()
 
     @property
     def _floor(self) -> int:
@@ -172,6 +183,9 @@ class Sampler:
                 o.model_copy(update={"x": numbers.obstacles[k][0], "y": numbers.obstacles[k][1]})
                 for k, o in enumerate(mission.obstacles)
             )
+        if self.gains:
+            values = {name: numbers.gains[k] for k, name in enumerate(self.gains)}
+            changed["control"] = cast(TunedSettings, mission.control).with_gains(values)
         physics = [numbers.physics[k] for k in range(self.physics.size)]
         varied = mission.model_copy(update=changed)
         return varied.with_physics(self.physics.overrides(physics))

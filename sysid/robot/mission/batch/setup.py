@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.record import Array
 from sysid.robot.mission.batch.sampler import Numbers, Sampler
 from sysid.robot.mission.batch.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.robot.mission.contracts import Scene, SteppablePlant
 from sysid.robot.mission.loop import CommandShaper
 from sysid.robot.mission.noise import generator
-from sysid.robot.mission.result import MissionResult
-from sysid.robot.mission.simulator import check_robot, scene_of, shaper_of, simulate
+from sysid.robot.mission.simulator import check_robot, scene_of, shaper_of
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tracks.robot_plant import RobotPlant
@@ -42,7 +40,8 @@ class PlantVariant:
     settling_steps: int
 
     @staticmethod
-    def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "PlantVariant":
+    def of(sampler: Sampler) -> "PlantVariant":
+        plant, mission = sampler.plant, sampler.mission
         nominal = plant.plant(plant.theta)
         robot, warnings = as_robot(nominal, mission)
         check_robot(mission, robot)
@@ -51,7 +50,7 @@ class PlantVariant:
         settling_steps = 0
         if not np.array_equal(robot.rest, fresh):
             settling_steps = len(settle(nominal, state, robot.centre).response)
-        return PlantVariant(Sampler(mission, plant, variation), robot, warnings, settling_steps)
+        return PlantVariant(sampler, robot, warnings, settling_steps)
 
     @cached_property
     def scene(self) -> Scene:
@@ -71,13 +70,23 @@ class PlantVariant:
         slips = slip if self.sampler.slips else None
         return replace(self.robot, plant=plant, rest=fresh, slip=slips)
 
-    def resting(self, theta: Array, slip: float) -> RobotPlant:
-        """The robot with a run's numbers of NumPy, at rest without drive."""
-        robot = self.robot_of(theta, slip)
+    @property
+    def nominal(self) -> Numbers:
+        """The numbers of a run in which nothing varies, its gains 1."""
+        sampler, mission = self.sampler, self.sampler.mission
+        obstacles = np.array([(o.x, o.y) for o in mission.obstacles]).reshape(-1, 2)
+        placed = np.array(mission.start), obstacles, np.float64(0.0)
+        return Numbers(
+            sampler.plant.theta, *placed, sampler.physics.nominal, np.ones(len(sampler.gains))
+        )
+
+    def single(self, numbers: Numbers) -> tuple[Mission, RobotPlant]:
+        """Mission and robot, at rest without drive, of a run with these plain numbers."""
+        robot = self.robot_of(np.array(numbers.theta), float(numbers.slip))
         state = robot.initial_state()
         for _ in range(self.settling_steps):
             state, _ = robot.step(state, np.zeros(2))
-        return replace(robot, rest=state)
+        return self.sampler.varied(numbers), replace(robot, rest=state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +96,20 @@ class Setup:
     Attributes:
         plants: what may drive it, one or several of a comparison.
         variation: what varies; several plants where it says so.
+        gains: names of the controller's gains that each run is given.
     """
 
     mission: Mission
     plants: tuple[VariedPlant, ...]
     variation: Variation
+    gains: tuple[str, ...] = ()
 
     @staticmethod
     def of(
         mission: Mission,
         plants: Sequence[Model | SteppablePlant],
         vary: Sequence[str] | None = None,
+        gains: tuple[str, ...] = (),
     ) -> "Setup":
         """The setup of a mission as its file has it.
 
@@ -105,6 +117,7 @@ class Setup:
             mission: nominal; its ``vary`` says what varies and by how much.
             plants: fitted models, or plants that are the same in every run; the first is nominal.
             vary: names of what varies instead.
+            gains: of the controller, which each run is given.
         """
         variation = mission.vary if vary is None else mission.vary.of(vary)
         kept = plants if variation.models else plants[:1]
@@ -117,17 +130,19 @@ class Setup:
                 for p in kept
             ),
             variation,
+            gains,
         )
 
     def __reduce__(self) -> tuple[type["Setup"], tuple[Any, ...]]:
         """Without what was worked out from it, to be sent to another process."""
         plants = tuple(replace(p) for p in self.plants)
-        return Setup, (self.mission, plants, self.variation)
+        return Setup, (self.mission, plants, self.variation, self.gains)
 
     @cached_property
     def plant_variants(self) -> tuple[PlantVariant, ...]:
         """Every plant, wired."""
-        return tuple(PlantVariant.of(p, self.mission, self.variation) for p in self.plants)
+        given = self.variation, self.gains
+        return tuple(PlantVariant.of(Sampler(self.mission, p, *given)) for p in self.plants)
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -182,15 +197,7 @@ class Setup:
     def alone(self, seed: int) -> tuple[Mission, RobotPlant, int]:
         """Mission, robot and noise seed of one run, for NumPy."""
         variant = self.plant_variants[self.choice(seed)]
-        samples = variant.sampler.draw([seed])
-        robot = variant.resting(samples.theta[0], float(samples.slip[0]))
-        numbers = Numbers(*(values[0].tolist() for values in samples.numbers))
-        return variant.sampler.varied(numbers), robot, self.noise_seed(seed)
-
-    def simulated(self, seed: int) -> MissionResult:
-        """One run, as :func:`sysid.robot.mission.simulator.simulate` gives it."""
-        mission, robot, noise = self.alone(seed)
-        return simulate(mission, robot, noise, self.known(seed))
+        return *variant.single(variant.sampler.draw([seed]).numbers.run(0)), self.noise_seed(seed)
 
     def known(self, seed: int) -> RobotPlant:
         """The robot that control takes a run's for: that of the estimated plant."""

@@ -10,11 +10,13 @@ import numpy as np
 from sysid.data.documents import plain
 from sysid.data.record import Array
 from sysid.outside_text import html_lines, html_table
-from sysid.robot.mission.batch.runner import FAILED
+from sysid.robot.mission.batch.figures import FAILED, Figures
 from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
-from sysid.robot.mission.monte_carlo.varied_runs import OUTCOMES, Figures
 from sysid.robot.mission.result import write_columns
+
+OUTCOMES = ("arrived", "missed", "collision", "stuck", "timeout", "failed")
+"""In the order of the report."""
 
 WORST = 5
 """Runs that are named as the worst."""
@@ -208,7 +210,8 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
         path: the file; it appears complete or not at all.
     """
     outcomes = [batch.figures.outcome(k) for k in range(batch.n)]
-    numbers = (np.where(np.isfinite(column), column, np.nan) for column in batch.figures[1:])
+    figures = (getattr(batch.figures, name) for name in COLUMNS[2:])
+    numbers = (np.where(np.isfinite(column), column, np.nan) for column in figures)
     columns = (np.array(batch.seeds), np.array(outcomes), *numbers)
     return write_columns(dict(zip(COLUMNS, columns, strict=True)), path)
 

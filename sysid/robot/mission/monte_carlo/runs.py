@@ -9,8 +9,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
+from sysid.robot.mission.batch.figures import FAILED, Figures
 from sysid.robot.mission.batch.pool import PROCESSES, Job
-from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
+from sysid.robot.mission.batch.runner import BATCH_SIZE, BatchRunner, why_not_at_once
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import has_surfaces
@@ -18,14 +19,6 @@ from sysid.robot.mission.contracts import SteppablePlant
 from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
 from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
-from sysid.robot.mission.monte_carlo.varied_runs import (
-    Figures,
-    VariedRuns,
-    figures_alone,
-    joined,
-    stacked,
-    why_not_at_once,
-)
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 
@@ -72,17 +65,13 @@ def chunks(setup: Setup, seeds: Sequence[int], size: int) -> list[Chunk]:
 def runner_of(given: tuple[Setup, bool]) -> Callable[[Chunk], ChunkResult]:
     """What runs the chunks of a setup to their ends, all runs of one side by side, or one after
     the other in NumPy."""
-    setup, at_once = given
-    plants = range(len(setup.plants)) if at_once else ()
-    compiled = [VariedRuns(setup, k, BATCH_SIZE) for k in plants]
+    setup, alone = given
+    runners = [BatchRunner(setup, k, BATCH_SIZE, alone=alone) for k in range(len(setup.plants))]
 
     def run(chunk: Chunk) -> ChunkResult:
         sampler = setup.plant_variants[chunk.which].sampler
         samples, varying = sampler.draw(chunk.seeds), sampler.varying
-        if compiled:
-            figures = compiled[chunk.which].of(samples)
-        else:
-            figures = stacked([figures_alone(setup, s) for s in chunk.seeds])
+        figures = runners[chunk.which].of(samples).figures
         error = figures.final_error_m(setup.mission.goal)
         arrived: Array = figures.verdict == Verdict.ARRIVED
         ended: Array = figures.verdict != FAILED
@@ -144,7 +133,7 @@ def simulate_runs(
     alone = why_not_at_once(setup)
     parts = chunks(setup, seeds, BATCH_SIZE_ALONE if alone else BATCH_SIZE)
     chunk_results: list[ChunkResult] = []
-    job = Job(runner_of, (setup, not alone))
+    job = Job(runner_of, (setup, bool(alone)))
     coming = job.results(parts, PROCESSES if alone and scheduler is None else scheduler)
     for chunk, result in zip(parts, coming, strict=True):
         chunk_results.append(result)
@@ -154,6 +143,7 @@ def simulate_runs(
     time = sum((r.time for r in chunk_results), nothing)
     error = sum((r.error for r in chunk_results), nothing)
     order = np.argsort([k for chunk in parts for k in chunk.runs])
+    columns = zip(*(r.figures for r in chunk_results), strict=True)
     varying = setup.plant_variants[0].sampler.varying
     same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
     return MissionRuns(
@@ -163,7 +153,7 @@ def simulate_runs(
         obstacles=has_surfaces(mission.scene()),
         vary=setup.varied,
         seeds=tuple(seeds),
-        figures=joined([r.figures for r in chunk_results], order),
+        figures=Figures(*(np.concatenate(column)[order] for column in columns)),
         redrawn=sum(r.redrawn for r in chunk_results),
         time_drivers=shares(time, varying) if same else None,
         error_drivers=shares(error, varying) if same else None,
@@ -216,23 +206,14 @@ RunPath = tuple[Array, Array]
 
 def _driven(setup: Setup, seeds: Sequence[int], batch_size: int, failed: bool) -> list[RunPath]:
     """The paths of runs in their order; those that fail side by side where asked for."""
-    if why_not_at_once(setup):
-        return [path for seed in seeds for path in _alone(setup, seed)]
-    compiled = [VariedRuns(setup, k, batch_size) for k in range(len(setup.plants))]
-    paths: dict[int, RunPath] = {}
+    alone, paths = bool(why_not_at_once(setup)), dict[int, RunPath]()
+    runners = [BatchRunner(setup, k, batch_size, alone=alone) for k in range(len(setup.plants))]
     for chunk in chunks(setup, seeds, batch_size):
-        runner = compiled[chunk.which]
-        figures, t, positions = runner.paths(runner.variant.sampler.draw(chunk.seeds))
+        runner = runners[chunk.which]
+        figures, t, rows = runner.of(runner.variant.sampler.draw(chunk.seeds), recorded=True)
         for column, k in enumerate(chunk.runs):
-            if failed or figures.verdict[column] != FAILED:
-                count = int(np.searchsorted(t, figures.time_s[column])) + 1
-                paths[k] = t[:count], positions[:count, :, column]
+            ended = figures.time_s[column]
+            if np.isfinite(ended) and (failed or figures.verdict[column] != FAILED):
+                count = int(np.searchsorted(t, ended)) + 1
+                paths[k] = t[:count], rows[:count, :, column]
     return [paths[k] for k in sorted(paths)]
-
-
-def _alone(setup: Setup, seed: int) -> list[RunPath]:
-    try:
-        log = setup.simulated(seed).log
-    except ModelError:
-        return []
-    return [(log["t"], np.column_stack([log["x"], log["y"], log["psi"]]))]

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.data.record import Array, Index
+from sysid.data.record import Array
+from sysid.robot.mission.batch.figures import Driven, Figures
 from sysid.robot.mission.contracts import SteppablePlant
 from sysid.robot.mission.guidance.steps import Steps
 from sysid.robot.mission.loop import Verdict
@@ -94,28 +95,6 @@ def _limit(control: object, key: str) -> float:
     return float(getattr(control, key, 1.0)) if isinstance(control, ControlSettings) else 1.0
 
 
-class Driven(NamedTuple):
-    """What runs came to.
-
-    Attributes:
-        verdict: of :class:`~sysid.robot.mission.loop.Verdict`, or another number of a failed run,
-            (K,).
-        time_s: when they ended [s], (K,).
-        clearance: smallest distance to an obstacle [m], infinite without obstacles, (K,).
-        effort: ∫ (V_cmd² + ψ_cmd²) dt, in seconds of full drive, (K,).
-        t: instants of the rows that follow [s], (T,); none where they were not asked for.
-        v, psi: forward speed [m/s] and yaw [rad], (T, K).
-    """
-
-    verdict: Index
-    time_s: Array
-    clearance: Array
-    effort: Array
-    t: Array
-    v: Array
-    psi: Array
-
-
 class Criteria(NamedTuple):
     """What sets of gains came to, one entry each, all of them to be made small but the clearance.
 
@@ -178,6 +157,9 @@ class Criteria(NamedTuple):
         return np.stack([*columns, -self.min_clearance_m] if obstacles else columns, axis=1)
 
 
+SHOWN = ("v", "psi")
+"""Columns of the log that a step test looks at: forward speed [m/s] and yaw [rad]."""
+
 NEVER = 1e6
 """A rise longer than any mission [s]."""
 
@@ -211,7 +193,7 @@ class Resolution:
         return np.maximum(steps[: objectives.shape[1]], 1e-9)  # also for an effort of 0
 
 
-def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:
+def criteria(test: StepTest, answers: Driven, drives: Figures) -> Criteria:
     """The criteria of runs.
 
     The speed is measured by its reference. Of the yaw it is the change that counts, from where it
@@ -219,27 +201,27 @@ def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:
     off any reference, which is no overshoot.
 
     Args:
-        answers: the runs of the test, with rows.
-        drives: the mission with the same gains and plants.
+        answers: the runs of the test, with rows of :data:`SHOWN`.
+        drives: of the mission with the same gains and plants.
     """
-    t = answers.t
+    t, (v, psi) = answers.t, np.moveaxis(answers.rows, 1, 0)
     first = t < test.yaw_at
     second = (t >= test.yaw_at) & (t < test.back_at)
     third = t >= test.back_at
-    psi = np.unwrap(answers.psi, axis=0)
-    rise_speed, over_speed = _step(t[first], answers.v[first] / test.speed)
+    psi = np.unwrap(psi, axis=0)
+    rise_speed, over_speed = _step(t[first], v[first] / test.speed)
     rise_yaw, over_step = _step(t[second], (psi[second] - psi[second][0]) / test.turn)
     _, over_back = _step(t[third], (psi[third][0] - psi[third]) / (2.0 * test.turn))
-    failed = answers.verdict != Verdict.ARRIVED  # whose numbers are none
+    failed = answers.figures.verdict != Verdict.ARRIVED  # whose numbers are none
     return Criteria(
         np.where(failed, np.inf, rise_speed),
         np.where(failed, np.inf, rise_yaw),
         over_speed,
         np.maximum(over_step, over_back),
-        _left(answers.v[first] / test.speed),
+        _left(v[first] / test.speed),
         np.maximum(_left(psi[second] / test.turn), _left(-psi[third] / test.turn)),
         drives.time_s,
-        drives.clearance,
+        drives.min_clearance_m,
         drives.effort,
         (drives.verdict == Verdict.ARRIVED).astype(np.float64),
     )

@@ -10,18 +10,23 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError, UsageError
-from sysid.robot.mission.batch.runner import BATCH_SIZE
-from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.figures import Driven
+from sysid.robot.mission.batch.runner import BATCH_SIZE, BatchRunner, why_not_at_once
+from sysid.robot.mission.batch.sampler import Numbers, run_seeds
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
-from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.settings import TunedSettings
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
-from sysid.robot.mission.tuning.criteria import Criteria, Resolution, StepTest, criteria
+from sysid.robot.mission.tuning.criteria import (
+    SHOWN,
+    Criteria,
+    Resolution,
+    StepTest,
+    criteria,
+)
 from sysid.robot.mission.tuning.front import Front, front
-from sysid.robot.mission.tuning.gain_runs import GainRuns, Runs
 from sysid.robot.mission.tuning.gain_space import GainSpace, rounded
 from sysid.robot.mission.tuning.linear_loops import LinearLoops
 from sysid.robot.mission.tuning.tuned import SAFE, GainSet, Tuning
@@ -89,7 +94,8 @@ class Judge:
     def __init__(
         self, mission: Mission, plant: Model | SteppablePlant, options: SearchOptions
     ) -> None:
-        setup = Setup.of(mission, [plant], ["parameters"])
+        space = GainSpace.of(mission.control)
+        setup = Setup.of(mission, [plant], ["parameters"], space.names)
         self.variant = setup.plant_variants[0]
         self.test = StepTest.of(mission, self.variant.robot)
         varied = self.variant.sampler.plant
@@ -98,30 +104,32 @@ class Judge:
         self.plants: Array = np.concatenate([varied.theta[None], drawn.theta[1:]])
         counts = int(drawn.redrawn[1:].sum()), int(drawn.pulled[1:].sum()), len(self.seeds)
         self.notes = list(setup.notes(*counts) if options.robust > 1 else self.variant.warnings)
-        space, steps = GainSpace.of(mission.control), self.test.mission(mission)
-        stepping = Setup.of(steps, [plant], ["parameters"])
+        steps = self.test.mission(mission)
+        stepping = Setup.of(steps, [plant], ["parameters"], space.names)
         quarter = round(options.trials * (1.0 - RULE.spread) / RULE.rounds)
         batch_size = max(1, min(BATCH_SIZE, quarter * len(self.plants)))
         alone = why_not_at_once(setup) or why_not_at_once(stepping)
         if alone:
             self.notes.append(f"The runs went one after the other, in processes: {alone}.")
         self._runners = (
-            GainRuns(stepping, 0, batch_size, space.names, recorded=True, alone=bool(alone)),
-            GainRuns(setup, 0, batch_size, space.names, recorded=False, alone=bool(alone)),
+            BatchRunner(stepping, 0, batch_size, SHOWN, alone=bool(alone)),
+            BatchRunner(setup, 0, batch_size, (), alone=bool(alone)),
         )
 
     def __call__(self, gains: Array) -> Criteria:
         """The worst criteria over the plants, of sets of gains (K, g)."""
         k, m = len(gains), len(self.plants)
-        noise = [s % 2**31 for s in self.seeds]
-        runs = Runs(
-            np.repeat(gains, m, axis=0),
-            np.tile(self.plants, (k, 1)),
-            tuple(noise[i % m] for i in range(k * m)),
-        )
+        noise = [s % 2**31 for s in self.seeds] * k
+
+        def driven(runner: BatchRunner) -> Driven:
+            nominal = (np.repeat(np.array(v)[None], k * m, axis=0) for v in runner.variant.nominal)
+            plants = np.tile(self.plants, (k, 1))
+            numbers = Numbers(*nominal)._replace(theta=plants, gains=np.repeat(gains, m, axis=0))
+            return runner.drive(numbers, noise, recorded=bool(runner.shown))
+
         with ThreadPoolExecutor(len(self._runners)) as pool:
-            answers, drives = pool.map(lambda runner: runner.drive(runs), self._runners)
-        return criteria(self.test, answers, drives).worst(m)
+            answers, drives = pool.map(driven, self._runners)
+        return criteria(self.test, answers, drives.figures).worst(m)
 
 
 def tune(

@@ -17,13 +17,15 @@ from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.robot.mission.batch.runner import BatchRunner
 from sysid.robot.mission.batch.sampler import Sampler, run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.batch.varied_plant import ModelPlant
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns, wilson
 from sysid.robot.mission.monte_carlo.runs import paths_of, simulate_runs
 from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
-from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.variation import Spread, Variation
 from sysid.structures.model import Model
@@ -58,7 +60,7 @@ def test_runs_at_once_are_runs_alone() -> None:
     assert setup.varied == ("parameters", "noise", "start", "obstacles", "friction")
     seeds = run_seeds(1, 12)
     samples = setup.plant_variants[0].sampler.draw(seeds)
-    figures = VariedRuns(setup, 0, 16).of(samples)
+    figures = BatchRunner(setup, 0, 16).of(samples).figures
     agreed = agreement(setup, seeds, figures)
     assert agreed.apart == ()
     assert agreed.largest < TOLERANCE
@@ -73,7 +75,7 @@ def test_a_plant_that_is_no_model_runs_at_once_too(kind: str) -> None:
     noise = ("noise",) if kind == "compass" else ()
     assert setup.varied == (*noise, "start", "friction")
     seeds = run_seeds(0, 4)
-    figures = VariedRuns(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds))
+    figures = BatchRunner(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds)).figures
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -86,7 +88,7 @@ def test_a_ground_that_remembers_and_slides_is_the_same_in_a_batch() -> None:
     ground = Ground(tuple(numbers), numbers)
     setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
     seeds = run_seeds(1, 3)
-    figures = VariedRuns(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds))
+    figures = BatchRunner(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds)).figures
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -237,17 +239,23 @@ def test_a_batch_tells_what_its_runs_came_to() -> None:
     }  # fmt: skip
 
 
+def replayed(setup: Setup, seed: int) -> MissionResult:
+    """A run of a batch, alone."""
+    mission, robot, noise = setup.alone(seed)
+    return simulate(mission, robot, noise, setup.known(seed))
+
+
 def test_paths_are_those_of_the_runs() -> None:
     setup, runs = Setup.of(SHORT, [robot_model()]), batch()
     for path, seed in zip(paths_of(setup, runs.seeds[:2]), runs.seeds, strict=False):
-        log = setup.simulated(seed).log
+        log = replayed(setup, seed).log
         np.testing.assert_allclose(path, np.column_stack([log["x"], log["y"]]), atol=TOLERANCE)
 
 
 def test_a_worst_run_replays_alone() -> None:
     setup, runs = Setup.of(SHORT, [robot_model()]), batch()
     worst = runs.worst[0]
-    alone = setup.simulated(worst.seed)
+    alone = replayed(setup, worst.seed)
     assert (alone.outcome.value, alone.time_s) == (worst.outcome, worst.time_s)
     assert worst.time_s == max(runs.time_s)
 

@@ -14,6 +14,7 @@ from mission_cases import Robot, goal
 from benchmarks.agreement import agreement
 from sysid.errors import ModelError, UsageError
 from sysid.robot.mission.batch.pool import PROCESSES, Job
+from sysid.robot.mission.batch.runner import why_not_at_once
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Command, ControlInputs, Scene
@@ -23,7 +24,6 @@ from sysid.robot.mission.monte_carlo.runs import (
     runner_of,
     simulate_runs,
 )
-from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.settings import ControlSettings
 
 MISSION = goal(0.3, 0.1)
