@@ -23,6 +23,7 @@ from sysid.data.reading.missing_codes import without_codes
 from sysid.data.reading.pose import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
+    check_one_machine,
     numbered_clock,
     row_times,
     still_clock_advice,
@@ -188,6 +189,7 @@ def _read(
     # in one go: a long text is slow to read
     values = table.columns((*signals, *stamps))[:, : len(signals)]
     clock = row_times(table, choice.clock, options.units, options.ts)
+    check_one_machine(table, clock.t, values)
     values, coded = without_codes(values, signals, len(choice.inputs), options.missing, table.where)
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample

@@ -45,8 +45,14 @@ def parameter_indices(base: Base, candidate: CandidateModel) -> list[int]:
 
 
 def covariance_of(base: Base, candidate: CandidateModel) -> Array:
-    """Covariance of the free parameters, (n, n): σ²(JᵀJ)⁻¹, widened by N/N_eff track by track."""
+    """Covariance of the free parameters, (n, n): σ²(JᵀJ)⁻¹, widened by N/N_eff track by track.
+
+    A parameter whose slopes overflow, in a run that grows without end, has none: 0, as where slopes
+    say nothing.
+    """
     H = information(base.search.model, candidate.q, candidate.free, base.search.data)
+    known = np.isfinite(np.diag(H))
+    H = np.where(np.outer(known, known), H, 0.0)
     errors = np.concatenate(candidate.errors.estimation)
     variance = float(np.nanmean(errors**2))
     samples = np.maximum(np.isfinite(errors).sum(axis=0), 1)

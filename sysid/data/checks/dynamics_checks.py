@@ -8,6 +8,7 @@ from sysid.data.checks.constancy import Change, Part
 from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
 from sysid.data.checks.nonlinearity import NONLINEAR, TRACE
+from sysid.data.checks.relay_law import RelayLaw
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.operating_point import value_with_error
@@ -99,6 +100,9 @@ def check_feedback(facts: LogFacts) -> Iterator[Finding]:
             "closed loop."
         )
         how = advice
+        if test.relay is not None:
+            channels = {c.name: c for c in (*facts.records[0].inputs, *facts.records[0].outputs)}
+            text = _switched(test, test.relay, channels[test.input], channels[test.output])
         if test.law is not None and not test.reference:
             text += (
                 " No set point moves it within the log: gain and time constants of a model may be "
@@ -106,6 +110,17 @@ def check_feedback(facts: LogFacts) -> Iterator[Finding]:
             )
             how = "Step the set point, or add a test signal to the input, and record again."
         yield Finding("feedback", Severity.WARNING, text, how, test.output)
+
+
+def _switched(test: FeedbackTest, relay: RelayLaw, u: Channel, y: Channel) -> str:
+    """The thresholds that switch an input, as a thermostat does."""
+    factor, unit = y.to_file
+    up, down = (f"{factor * v:.4g} {unit}".strip() for v in (relay.up, relay.down))
+    return (
+        f"{y.name} switches the input {u.name}, to its higher level at {up} and to its lower one "
+        f"at {down}, in {relay.switchings} switchings ({_chance(test.p_value)}): the data were "
+        "recorded in closed loop."
+    )
 
 
 def _response(test: FeedbackTest) -> str:

@@ -15,6 +15,9 @@ u(t) is tested for dependence on those of the samples before, beside its own pas
 A reference that steps makes jumps in u that would drown the response; residuals are clipped at
 three robust standard deviations, so that jumps count no more than others.
 
+An input of two levels jumps when the output has come far enough, which no regression on innovations
+shows: ``relay_law`` looks at its switchings.
+
 A plant with feedthrough in open loop passes both. No test on one record can distinguish it from a
 controller that acts within the sample only: white reference, white sensor noise, proportional
 control.
@@ -35,6 +38,7 @@ from sysid.data.checks.reference import (
     followed_difference,
     with_reference,
 )
+from sysid.data.checks.relay_law import RelayLaw, relay_law
 from sysid.data.impulse import (
     MAX_SAMPLES,
     LongRegression,
@@ -95,6 +99,7 @@ class FeedbackTest:
             there is none in the log.
         moving: whether the input changes in at least half of the samples, as a response to noisy
             outputs does.
+        relay: thresholds of the output that switch the input, None where none are seen to.
         column: the unused column, moved by the output, of whose difference to the reference that
             is; empty where it is the output's own.
         law: by which the input follows the output within the sample, None where it follows none,
@@ -111,6 +116,7 @@ class FeedbackTest:
     reference: str = ""
     moving: bool = True
     law: ControlLaw | None = None
+    relay: RelayLaw | None = None
     column: str = ""
 
     @property
@@ -121,7 +127,8 @@ class FeedbackTest:
     @property
     def sure(self) -> bool:
         """Whether this is strong feedback beyond doubt."""
-        return self.p_value < SURE and self.share > STRONG and self.moving
+        jumps = self.moving or self.relay is not None
+        return self.p_value < SURE and self.share > STRONG and jumps
 
 
 def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
@@ -144,7 +151,7 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         clearest = min(of_output, key=lambda t: t.p_value)
         p_value = min(1.0, len(by_test) * clearest.p_value)
         test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
-        tests.append(_by_law(records, test))
+        tests.append(_by_relay(records, _by_law(records, test)))
     with_references = at_most(with_reference(records), MAX_SAMPLES)
     if not with_references:
         return tuple(tests)
@@ -191,6 +198,18 @@ def _by_law(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
         known = law.integrates or (moving and (test.p_value < SURE or law.computed))
         if alone and known:
             return replace(test, input=name, moving=moving, law=law)
+    return test
+
+
+def _by_relay(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
+    """The verdict, of the input that thresholds of the output switch where there is one."""
+    i = records[0].output_names.index(test.output)
+    for j, name in enumerate(records[0].input_names):
+        relay = None if test.law else relay_law(records, i, j)
+        if relay is not None and relay.p_value < SURE:
+            return FeedbackTest(
+                test.output, name, relay.p_value, 1.0, moving=test.moving, relay=relay
+            )
     return test
 
 

@@ -3,6 +3,7 @@
 import datetime
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,9 @@ FORMATS: dict[str, re.Pattern[str]] = {
     "minutes": re.compile(r"(?P<m>\d{1,3}):(?P<s>\d{2})[.,](?P<f>\d{1,9})"),
 }
 """Ways to write an instant."""
+
+_ELAPSED = re.compile(r"(?:(?P<h>\d{1,4}):)?(?P<m>\d{1,4}):(?P<s>\d{2})(?:[.,](?P<f>\d{1,9}))?")
+"""Time since a start: ``75:30`` in minutes and seconds, ``31:15:30`` with hours."""
 
 _PARTS = re.compile(r"\d[-/:_T ]\d|\d\.\d+\.\d")
 """What each of them holds, and hardly a number does: most cells are numbers."""
@@ -79,7 +83,8 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
 
     Which number of a date with slashes is the day is decided over all cells: one beyond 12 is no
     month, and of the orders in which every cell is a date the one is taken in which the clock
-    travels least, Σ|t_k+1 − t_k|. Days that follow each other would else be months apart.
+    travels least, Σ|t_k+1 − t_k|. Days that follow each other would else be months apart. Times of
+    day beyond 24 hours are times since a start (``_since_start``).
 
     Args:
         order: one of ``ORDERS`` by option, None to decide.
@@ -98,7 +103,8 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
         part = {} if match is None else match.groupdict()
         clock = _clock_nanoseconds(part) if part else None
         if clock is None:
-            return k
+            since_start = _since_start(cells) if pattern is FORMATS["time of day"] else None
+            return k if since_start is None else since_start
         days.append((part["mo"], part["d"], part["y"]) if part.get("y") else None)
         clocks.append(clock)
     orders = ["mdy"]
@@ -111,6 +117,21 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
     best = min(whole, key=lambda o: float(np.abs(np.diff(whole[o].elapsed)).sum()))
     doubtful = any(not np.array_equal(d.elapsed, whole[best].elapsed) for d in whole.values())
     return whole[best]._replace(order=best if doubtful or order else "")
+
+
+def _since_start(cells: Sequence[str]) -> Dates | None:
+    """A column of times since a start, which never goes back; of two numbers these are minutes and
+    seconds. None where a cell is none."""
+    nanoseconds = []
+    for cell in cells:
+        match = _ELAPSED.fullmatch(cell.strip())
+        if match is None or int(match["s"]) > 59 or (match["h"] and int(match["m"]) > 59):
+            return None
+        nanoseconds.append(_nanoseconds(match.groupdict()))
+    if any(b < a for a, b in pairwise(nanoseconds)):
+        return None
+    elapsed = np.array([n - nanoseconds[0] for n in nanoseconds], dtype=np.float64) / NANO
+    return Dates(elapsed, float(nanoseconds[0]) / NANO)
 
 
 def _instants(
@@ -141,8 +162,15 @@ def _clock_nanoseconds(part: dict[str, str | None]) -> int | None:
         hour = hour % 12 + (12 if half == "p" else 0)
     if "h" in part and (hour > 24 or minute > 59 or second > 60):
         return None
-    whole = (hour * 60 + minute) * 60 + second - _zone(part.get("zone"))
-    return whole * NANO + int((part.get("f") or "").ljust(9, "0"))
+    part = {**part, "h": str(hour)}
+    return _nanoseconds(part) - _zone(part.get("zone")) * NANO
+
+
+def _nanoseconds(part: dict[str, str | None]) -> int:
+    """Of hours, minutes, seconds and a fraction."""
+    hour, minute, second = (int(part.get(k) or 0) for k in ("h", "m", "s"))
+    fraction = int((part.get("f") or "").ljust(9, "0"))
+    return ((hour * 60 + minute) * 60 + second) * NANO + fraction
 
 
 def _day_number(year: str, month: str, day: str) -> int | None:

@@ -1,6 +1,6 @@
 """Instant of each row of a log, from its time column, a counter of rows, or ``ts`` alone."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,12 @@ SAME_STEP = 0.01
 
 MORE_DIGITS = "log it with more digits"
 
+IN_TURN = 0.4
+"""Share of the rows in which a column of machines changes; one of states keeps them for long."""
+
+APART = 3.0
+"""A signal jumps so many times more between machines than within each."""
+
 MOST_SERIES = 50
 """Names in a column beyond which it separates no machines."""
 
@@ -30,10 +36,7 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
     for name in others:
         keys, of = np.unique(table.texts(name), return_inverse=True)
         if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
-            return (
-                f"column {name} separates {len(keys)} series ({', '.join(keys[:3])}) with a "
-                "time each: write the rows of each to a file of its own"
-            )
+            return _separates(name, keys.tolist())
     columns = {n: table.read(n) for n in others}
     clocks = [
         argument(time=n)
@@ -42,6 +45,40 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
     ]
     named = f"name the clock with {' or '.join(clocks[:3])}" if clocks else MORE_DIGITS
     return f"{named}, or count the rows, without their gaps, at `ts` seconds each"
+
+
+def check_one_machine(table: Table, t: Array, values: Array) -> None:
+    """That the rows are not those of several machines in turn, each with stamps of its own.
+
+    A column of words that mostly changes from row to row, in each of whose series the clock goes on
+    steadily, separates machines where a signal jumps more between its series than within them.
+
+    Args:
+        t: instants [s], (N,).
+        values: inputs and outputs, (N, n).
+
+    Raises:
+        DataError: they are.
+    """
+    for name in filter(table.is_words, table.names):
+        keys, of = np.unique(table.texts(name), return_inverse=True)
+        changes = np.diff(of) != 0
+        if not (1 < len(keys) <= MOST_SERIES and len(of) == len(t) and np.mean(changes) > IN_TURN):
+            continue
+        series = [np.flatnonzero(of == k) for k in range(len(keys))]
+        if not all(is_steady(t[s]) for s in series):
+            continue
+        between = np.nanmedian(np.abs(np.diff(values, axis=0))[changes], axis=0)
+        within = [np.nanmedian(np.abs(np.diff(values[s], axis=0)), axis=0) for s in series]
+        if np.any(between > APART * np.max(within, axis=0)):
+            raise DataError(f"{table.where}: {_separates(name, keys.tolist())}")
+
+
+def _separates(name: str, keys: Sequence[str]) -> str:
+    return (
+        f"column {name} separates {len(keys)} series ({', '.join(keys[:3])}) with a time each: "
+        "write the rows of each to a file of its own"
+    )
 
 
 def _rises_in_each(time: Array, of: NDArray[np.intp]) -> bool:

@@ -207,6 +207,12 @@ class Table:
         """Whether a column begins with a date or a time of day, or holds one for the other."""
         return date_format(self._first(name)) is not None or len(self.date_and_clock(name)) > 1
 
+    def is_words(self, name: str) -> bool:
+        """Whether a column begins with a word that is neither a number, a date nor a state."""
+        first = self._first(name)
+        known = first.lower() in STATES or date_format(first) is not None
+        return first[:1].isalpha() and not known
+
     def date_and_clock(self, name: str) -> tuple[str, ...]:
         """The columns of one clock: a date and the time of day nearest to it, else the column."""
         halves = {test: test(self._first(name)) for test in (only_day, only_time)}

@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.checks.direction import acts_on
 from sysid.data.record import Array, Channel
+from sysid.diagnosis.shapes.reading import own_feedback
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
 from sysid.diagnosis.shapes.smoother import Fit
 from sysid.diagnosis.shapes.track import Signal, Track
@@ -39,6 +40,11 @@ LEAST_BLOCKS = 60
 IN_PROPORTION = 0.2
 """Share of its effect that an input has left where the other signal is zero: below, it is in
 proportion to it."""
+
+
+SAME_SIZE = 0.9
+"""Where an effect is as large as this share of its largest one all along, it is its time that goes
+with the other signal."""
 
 
 def _samples(track: Track, tried: int) -> Array:
@@ -134,11 +140,9 @@ def with_unused(track: Track) -> Terms | None:
         if i == ALONE:
             words = f"{track.output.name} also follows {called}"
         else:
-            of_core = 0 if track.fixed else len(track.f)
-            changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
-            changed += float(np.sum(fit.own[first + i :: own.shape[1]]))
+            lagged = float(np.sum(fit.own[first + i :: own.shape[1]]))
             more = float(np.sum(fit.coefficients))
-            words = _goes_with(track, i, called, acting[name], 1.0 + changed, more)
+            words = _goes_with(track, i, called, acting[name], _alone(track, fit, i) + lagged, more)
         return f"{words}{too}", None
 
     return Terms(columns, says, None, beside)
@@ -162,6 +166,14 @@ def _products(track: Track, others: Mapping[str, Array]) -> tuple[list[tuple[int
     return ways, np.hstack(columns)
 
 
+def _alone(track: Track, fit: Fit, i: int) -> float:
+    """What an input does in the end where the other signal is zero, in units of the base's gain:
+    without what terms of its lags add."""
+    of_core = 0 if track.fixed else len(track.f)
+    changed = float(np.sum(fit.own[i * of_core : (i + 1) * of_core])) / track.gain
+    return 1.0 + changed + (own_feedback(track, fit) if fit.on_base else 0.0)
+
+
 def _goes_with(track: Track, i: int, called: str, signal: Array, alone: float, more: float) -> str:
     """How an input's effect goes with a signal: ``alone`` at 0, and ``more`` at its largest size;
     compared over the values that the log visits."""
@@ -174,6 +186,9 @@ def _goes_with(track: Track, i: int, called: str, signal: Array, alone: float, m
         (alone + slope * float(np.max(signal)), "largest"),
     ]
     (less, at), (most, other) = sorted(ends, key=lambda end: abs(end[0]))
+    if abs(less) > SAME_SIZE * abs(most):
+        pair = f"{track.channels[i].name} takes to act on {track.output.name}"
+        return f"the time that {pair} goes with {called}"
     times = f"{less / most:.2g} times that where it is {other}"
     return f"{words}goes with {called}: where that is {at} it is {times}"
 

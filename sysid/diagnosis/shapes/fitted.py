@@ -156,6 +156,7 @@ def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | 
         if not (np.isfinite(own).all() and np.isfinite(terms.columns[at]).all()):
             break  # a simulated speed that grows without end
         result = fit(track.error, own, terms.columns[at], terms.penalty, rows)
+        result = replace(result, on_base=seen is track)
         if not np.isfinite(result.rss):
             break
         before = np.inf if best is None else best[2].rss

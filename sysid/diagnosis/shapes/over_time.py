@@ -138,7 +138,7 @@ def plant_step(track: Track) -> Terms | None:
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         g, c, _ = fit.coefficients
         before, own = static_gain(track, fit), own_feedback(track, fit)
-        after = (before * (1.0 - own) + g * track.gain) / max(1.0 - own - c, 1e-6)
+        after = static_gain(track, fit, g * track.gain, c)
         change = after / before - 1.0
         old, new = (time_constant(track, a) for a in (own, own + c))
         times = f" and its time constant goes from {old:.3g} to {new:.3g} s" if old and new else ""

@@ -24,9 +24,17 @@ def command_gain(track: Track, fit: Fit) -> float:
     return float(track.gain + np.sum(fit.own[:n]))
 
 
-def static_gain(track: Track, fit: Fit) -> float:
-    """The static gain K of the base as the fit has it beside the terms."""
-    return command_gain(track, fit) / max(1.0 - own_feedback(track, fit), 1e-6)
+def static_gain(track: Track, fit: Fit, more: float = 0.0, feedback: float = 0.0) -> float:
+    """The static gain of the base as the fit has it beside the terms, or with some of them.
+
+    With a command's gain K and a feedback φ of the speed it is K/(1 − φ), and K + φ K₀ where that
+    speed is the base's run, whose gain is K₀.
+
+    Args:
+        more, feedback: what terms add to K and to φ.
+    """
+    gain, own = command_gain(track, fit) + more, own_feedback(track, fit) + feedback
+    return gain + own * track.gain if fit.on_base else gain / max(1.0 - own, 1e-6)
 
 
 def time_constant(track: Track, feedback: float) -> float:

@@ -35,6 +35,7 @@ class Fit:
         numbers: edf of X.
         moved: what all columns do, and the residual, of all rows, (N,).
         rss: over the fitted rows.
+        on_base: whether a speed in X₀ is that of the base's run, not that of a fit.
     """
 
     own: Array
@@ -44,6 +45,7 @@ class Fit:
     moved: Array
     residual: Array
     rss: float
+    on_base: bool = False
 
 
 def fit(y: Array, own: Array, X: Array, S: Array | None, rows: Mask) -> Fit:

@@ -206,6 +206,48 @@ def test_two_machines_in_one_table_are_said(tmp_path: Path) -> None:
         read_file(path)
 
 
+@pytest.mark.parametrize("step", [0.01, 0.013])
+def test_two_machines_with_stamps_of_their_own_are_said(tmp_path: Path, step: float) -> None:
+    """Rows in turn are no log of one machine, however even their clock; nor by interpolation."""
+    k, u, y = motor(240)
+    valve = np.array(["north", "south"])[k % 2].tolist()
+    other = np.where(k % 2, y, 3.0 * y + 100.0)
+    t = 0.02 * (k // 2) + step * (k % 2)
+    body = lines([point(t, 4), valve, whole(np.where(k % 2, u, 0.5 * u)), point(other)])
+    path = put(tmp_path, "t,valve,u,y\n" + body)
+    for options in (ReadOptions(), ReadOptions(resample="fill")):
+        with pytest.raises(DataError, match=r"column valve separates 2 series \(north, south\)"):
+            read_file(path, options)
+
+
+def test_words_that_change_with_the_rows_of_one_machine_are_left(tmp_path: Path) -> None:
+    k, u, y = motor(240)
+    phase = np.array(["tick", "tock"])[k % 2].tolist()
+    path = put(tmp_path, "t,phase,u,y\n" + lines([point(0.02 * k), phase, whole(u), point(y)]))
+    assert len(read_file(path).records[0]) == 240
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (["00:58", "01:00", "24:59", "25:01"], [0.0, 2.0, 1441.0, 1443.0]),
+        (["99:59.5", "100:00.0"], [0.0, 0.5]),
+        (["23:59:59", "24:00:01", "49:30:00"], [0.0, 2.0, 91801.0]),
+    ],
+)
+def test_time_since_a_start_goes_beyond_a_day(cells: list[str], expected: list[float]) -> None:
+    """A stopwatch in minutes and seconds, and one that ran for two nights."""
+    dates = seconds_of(cells)
+    assert not isinstance(dates, int)
+    assert dates is not None
+    np.testing.assert_allclose(dates.elapsed, expected)
+
+
+@pytest.mark.parametrize("cells", [["12:00", "25:00", "13:00"], ["12:00", "12:61"]])
+def test_a_wrong_time_of_day_is_said(cells: list[str]) -> None:
+    assert seconds_of(cells) == 1
+
+
 def test_rows_that_begin_with_empty_cells_are_no_titles(tmp_path: Path) -> None:
     k, u, y = motor(60)
     body = lines([point(0.02 * k), whole(u), point(y)])

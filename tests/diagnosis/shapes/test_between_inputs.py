@@ -97,6 +97,37 @@ def test_an_effect_is_compared_where_the_log_has_been() -> None:
     assert float(times[1]) == pytest.approx(2400.0 / 3600.0, abs=0.15)
 
 
+def test_a_weight_is_compared_as_it_acts() -> None:
+    """A hoist that is slower and later under load, also where the base has another lag."""
+    rng = np.random.default_rng(9)
+    drive = 0.6 + 0.35 * _held(rng, 3000, 30, 120)
+    weight = 10.0 + 9.0 * _held(rng, 3000, 300, 700)
+    slow = 0.3 * (1.0 + 0.1 * weight)
+    v, speed = 0.0, np.zeros(3000)
+    for k in range(2999):
+        v += (8.0 * drive[k] / (1.0 + 0.045 * weight[k]) - v) * DT / slow[k]
+        speed[k + 1] = v
+    speed += rng.normal(0.0, 0.02, 3000)
+    log = Record(drive[:, None], speed[:, None], DT, (Channel("pwm"),), (Channel("v", "m/s"),))
+    (shape,) = diagnose([replace(log, unused=weight[:, None], unused_names=("weight",))]).shapes
+    times = re.search(r"it is ([\d.]+) times that where it is smallest", shape.sentence)
+    assert times is not None
+    ends = 1.0 + 0.045 * np.array([weight.min(), weight.max()])
+    assert float(times[1]) == pytest.approx(ends[0] / ends[1], abs=0.1)
+
+
+def test_a_transport_delay_that_goes_with_the_flow_is_a_matter_of_time() -> None:
+    """A mixing valve at the end of a pipe: what arrives is as much, only later."""
+    rng = np.random.default_rng(5)
+    valve, flow = 50.0 + 40.0 * _held(rng, 2400, 25, 90), 7.0 + 4.0 * _held(rng, 2400, 300, 600)
+    volume = np.cumsum(flow)
+    at = np.searchsorted(volume, volume - 60.0)
+    warm = 20.0 + 0.4 * _lagged(valve[at], 8.0, 1.0) + rng.normal(0.0, 0.05, 2400)
+    log = Record(valve[:, None], warm[:, None], 1.0, (Channel("valve"),), (Channel("T", "degC"),))
+    (shape,) = diagnose([replace(log, unused=flow[:, None], unused_names=("flow",))]).shapes
+    assert "the time that valve takes to act on T goes with flow" in shape.sentence
+
+
 def test_a_switch_that_the_output_settles_is_no_cause() -> None:
     """A train that does not roll back at standstill, and its doors, which open there."""
     rng = np.random.default_rng(6)
