@@ -23,7 +23,7 @@ from scipy.special import stdtr
 from sysid.data.impulse import least_squares
 from sysid.data.record import Array, Record
 
-FEWEST = 5
+MIN_SWITCHINGS = 5
 """Switchings of each way."""
 
 NEAR = 0.1
@@ -77,7 +77,7 @@ def relay_law(records: Sequence[Record], i: int, j: int) -> RelayLaw | None:
     if len(levels) != 2:
         return None
     ways = [_switchings(records, i, j, level) for level in levels[::-1]]
-    if min(len(w.at) for w in ways) < FEWEST:
+    if min(len(w.at) for w in ways) < MIN_SWITCHINGS:
         return None
     width = float(np.ptp(np.concatenate([r.y[:, i] for r in records])))
     if any(float(np.std(w.at)) > NEAR * width for w in ways):
