@@ -51,7 +51,7 @@ def vehicle(
         )
         facts["forward"] = forward_document(loaded, loaded.forward(wheel_speeds or {}, at))
     if plot is not None:
-        from sysid.report.vehicles import draw_vehicle
+        from sysid.report.vehicle_drawing import draw_vehicle
 
         draw_vehicle(plot, loaded, facts)
         facts["plot"] = plot

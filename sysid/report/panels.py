@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Kind = Literal["line", "steps", "dots", "stems", "marks", "area"]
+Kind = Literal["line", "steps", "dots", "stems", "marks", "area", "words"]
 
 BINS = 700
 """A line of more points is drawn by its envelope over so many stretches."""
@@ -48,7 +48,7 @@ class Curve:
     """One line of a panel.
 
     Attributes:
-        label: in the legend; an empty one has no entry.
+        label: in the legend; an empty one has no entry. ``words`` stand at their points instead.
         low, high: ends of a band, (n,), NaN or infinite where there is none.
         colour: index into the series; -1 for what was measured.
     """
@@ -178,7 +178,8 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
     _frame(axes, panel)
     axes.set_xlabel(_cut(panel.x))
     axes.set_ylabel(_cut(panel.y))
-    named = {_cut(c.label): (_colour(c.colour), 2.0) for c in reversed(panel.curves) if c.label}
+    shown = [c for c in reversed(panel.curves) if c.label and c.kind != "words"]
+    named = {_cut(c.label): (_colour(c.colour), 2.0) for c in shown}
     named = dict(reversed(named.items()))
     wide = 4.2 * panel.large
     style.title(axes, panel.title, wide + (1.9 if len(named) == ABOVE else 3.6))
@@ -246,6 +247,15 @@ def _draw(axes: "Axes", c: Curve, lying: bool) -> None:
             return
         mark, size = ("x", 5.0) if c.kind == "marks" else ("o", 2.2)
         axes.plot(x, y, mark, color=colour, markersize=size, markeredgewidth=1.2)
+        return
+    if c.kind == "words":
+        for at in zip(x, y, strict=True):
+            beside: dict[str, Any] = {
+                "xytext": (5.0, 3.0),
+                "textcoords": "offset points",
+                "zorder": 7,
+            }
+            axes.annotate(style.printable(c.label), at, size=style.SMALL, **beside)
         return
     if c.kind == "area":
         axes.fill(c.x, c.y, color=colour, alpha=0.3, linewidth=0)

@@ -23,16 +23,11 @@ WIDTH = 9.0
 INK = "#1f2933"
 MUTED = "#616e7c"
 FAINT = "#cbd2d9"
-BAND = "#e9edf1"
 BLUE = "#0072b2"
 VERMILION = "#d55e00"
 GREEN = "#009e73"
 SERIES = (BLUE, VERMILION, GREEN, "#cc79a7", "#e69f00", "#5b4fc4")
 MEASURED = "#a3b1bf"
-SIMULATED = BLUE
-RESIDUAL = "#7b8794"
-PARTS = {"estimation": "#f4f5f7", "validation": "#e3f0f8"}
-"""Background of the part of the data a model was fitted to, and of the part kept from it."""
 
 SMALL, NORMAL, LARGE = 7.5, 8.5, 12.5
 
@@ -155,50 +150,18 @@ def stroke(axes: "Axes", t: Array, y: Array, colour: str, **options: Any) -> Non
         )
 
 
-def title(axes: "Axes", words: str, inches: float, **options: Any) -> "Text":
+def title(axes: "Axes", words: str, inches: float) -> None:
     """Title a panel, cut to the room it has."""
-    text = axes.set_title(words, **options)
-    shorten(text, inches)
-    return text
+    shorten(axes.set_title(words), inches)
 
 
-def words(
-    axes: "Axes",
-    text: str,
-    at: tuple[float, float],
-    shift: tuple[float, float] = (0.0, 0.0),
-    frame: tuple[str, str] = ("data", "data"),
-    **look: Any,
-) -> "Text":
-    """Write small words beside a place of a panel.
-
-    Args:
-        at: the place, in units of ``frame``: data, or the fraction of the panel's axes.
-        shift: from there to the words [pt].
-    """
-    look = {"size": SMALL, **look}
-    return axes.annotate(text, at, xycoords=frame, xytext=shift, textcoords="offset points", **look)
-
-
-def arrow(
-    axes: "Axes", tail: Any, tip: Any, head: str = "->", zorder: float = 2.0, **line: Any
-) -> None:
-    """Draw an arrow between two places of a panel."""
-    props = {"arrowstyle": head, "linewidth": 1.0, **line}
-    axes.annotate("", tip, tail, arrowprops=props, annotation_clip=False, zorder=zorder)
-
-
-FROM_TOP, FROM_LEFT = ("data", "axes fraction"), ("axes fraction", "data")
-"""Frames of :func:`words`: the height, or the place across, in parts of the panel."""
-
-
-def legend_above(axes: "Axes", entries: dict[str, tuple[str, float]], room: float = 0.0) -> None:
+def legend_above(axes: "Axes", entries: dict[str, tuple[str, float]], room: float) -> None:
     """Name lines by colour and width on the title's line, where the names hide no data.
 
-    With ``room`` [in] the names are cut to share it; with too many for that, none is shown.
+    The names are cut to share the room [in]; with too many for that, none is shown.
     """
     each = room / len(entries) - 0.35
-    if room and each < 0.3:
+    if each < 0.3:
         return
     handles = [axes.plot([], [], color=c, linewidth=w)[0] for c, w in entries.values()]
     legend = axes.legend(
@@ -210,5 +173,5 @@ def legend_above(axes: "Axes", entries: dict[str, tuple[str, float]], room: floa
         ncols=len(handles),
     )
     legend.set_in_layout(False)
-    for text in legend.get_texts() if room else ():
+    for text in legend.get_texts():
         shorten(text, each)

@@ -210,7 +210,7 @@ def _names(panel: Panel, left: float, height: float) -> tuple[str, float]:
     axis' name, below the panel where they have no room there.
     """
     parts = [_text(2.0, 12.0, _cut(panel.title, WIDTH - MARK), "start", "title")]
-    named = {c.label: c for c in reversed(panel.curves) if c.label}
+    named = {c.label: c for c in reversed(panel.curves) if c.label and c.kind != "words"}
     named = named if len(named) > 1 else {}
     right = WIDTH - RIGHT
     below = sum(LETTER * len(label) + 12.0 for label in named) > right - left
@@ -252,6 +252,9 @@ def _curve(c: Curve, across: _Axis, down: _Axis, lying: bool) -> str:
     else:
         x, y = across(c.x), down(c.y)
         low, high = (None if e is None else down(e) for e in (c.low, c.high))
+    if c.kind == "words":
+        each = zip(x, y, strict=True)
+        return "".join(_text(a + 5.0, b - 3.0, c.label, "start", "tick") for a, b in each)
     if c.kind in ("dots", "marks"):
         return _points(c.kind, kind, x, y, low, high, lying)
     if c.kind == "stems" and lying:

@@ -1,225 +1,153 @@
 """The picture of a vehicle from above: body, wheels, their axles and the centre of rotation."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.report import style
+from sysid.report.missions.panels import GREY, through
+from sysid.report.panels import Curve, Panel, PanelPicture
+from sysid.report.plots import write_picture
+from sysid.vehicle.wheels.vehicle import AXES, Vehicle, wheel_width
+from sysid.vehicle.wheels.wheel import Wheel, velocity_at
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-Point = tuple[float, float]
-
-_HEIGHT = 6.2
-_MARGIN = 0.25
-"""Room around what is drawn, as a share of it."""
-_FARTHEST = 2.0
-"""Sizes of the vehicle up to which a centre of turning is shown in its place, not by an arrow."""
+AXLE, VELOCITY, CENTRE = 3, 4, 5
+"""Colours of what belongs to no kind of wheel."""
 
 KINDS = {
-    "fixed": ("fixed", style.BLUE),
-    "steerable": ("steerable", style.VERMILION),
-    "caster": ("caster", style.MUTED),
-    "swedish": ("Swedish", style.GREEN),
+    "fixed": ("fixed wheel", 0),
+    "steerable": ("steerable wheel", 1),
+    "caster": ("caster wheel", GREY),
+    "swedish": ("Swedish wheel", 2),
 }
+"""Name and colour of each kind."""
+
+FARTHEST = 2.0
+"""Sizes of the vehicle up to which a centre of turning is shown in its place, not by an arrow."""
 
 
-@dataclass(frozen=True)
-class WheelMark:
-    """One wheel as it is drawn.
+def draw_vehicle(path: Path, vehicle: Vehicle, facts: Mapping[str, Any]) -> None:
+    """Draw wheels, axles and centre; those of the motion where one is asked for."""
+    motion = facts.get("inverse") or facts.get("forward") or {}
+    commands = facts.get("inverse", {}).get("wheels", {})
+    twist = motion.get("possible") or motion.get("twist")
+    stated = {w["name"]: w.get("angle") for w in facts["wheels"]}
+    angles = {n: a if (a := commands.get(n, {}).get("angle")) is not None else stated[n]
+              for n in stated}  # fmt: skip
+    covered = _body(vehicle) + [_rectangle(w, angles[w.name]) for w in vehicle.wheels]
+    points = np.concatenate([np.column_stack([c.x, c.y]) for c in covered])
+    size = float(np.ptp(points, axis=0).max())
+    icr, middle = motion.get("icr") or facts["icr"], points.mean(axis=0)
+    centre = None if icr["x"] is None else np.array([icr["x"], icr["y"]])
+    near = centre is not None and math.dist(centre, middle) <= FARTHEST * size
+    curves = [*_axes_of_body(0.12 * size), *covered]
+    for wheel in vehicle.wheels:
+        curves += _parts(wheel, angles[wheel.name], size, centre if near else None)
+        speed = commands.get(wheel.name, {}).get("speed")
+        name = wheel.name if speed is None else f"{wheel.name}: {speed:.3g} rad/s"
+        curves.append(through(name, np.array([wheel.contact(angles[wheel.name])]), kind="words"))
+    if twist is not None:
+        at = np.array([w.contact(angles[w.name]) for w in vehicle.wheels])
+        moving = np.array([velocity_at((x, y), np.array([twist[a] for a in AXES])) for x, y in at])
+        scale = 0.3 * size / max(float(np.hypot(*moving.T).max()), 1e-12)
+        curves += [_arrow("velocity", a, a + scale * v, VELOCITY) for a, v in
+                   zip(at, moving, strict=True)]  # fmt: skip
+    if (mass := facts["centre_of_mass_m"]) is not None:
+        at = np.array([mass[:2]])
+        curves += [through("", at, kind="dots"), through("centre of mass", at, kind="words")]
+    if centre is not None:
+        curves += _centre(centre, icr["direction"], middle, size, near)
+    words = "mobility {}, steerability {}, manoeuvrability {}; {}".format(
+        *(facts[k] for k in ("mobility", "steerability", "manoeuvrability")), icr["sentence"]
+    )
+    axes = ("x, forward [m]", "y, to the left [m]")
+    panel = Panel("vehicle", "From above", *axes, tuple(curves), equal=True, large=True)
+    write_picture(path, PanelPicture(vehicle.name, words, (panel,)))
 
-    Attributes:
-        axis: x, y of its axis [m].
-        contact: x, y of its contact [m].
-        direction: in which it rolls [rad].
-        radius, width: [m].
-        roller: of a Swedish wheel [rad].
-        note: a line below its name, such as its speed.
-        velocity: of its contact [m/s], where a motion is drawn.
+
+def _box(x: float, y: float, along: Array, length: float, width: float) -> Array:
+    """Corners of a rectangle around (x, y), its length in the direction ``along``, (4, 2)."""
+    half = 0.5 * np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
+    corners: Array = half @ np.array([along, [-along[1], along[0]]]) + [x, y]
+    return corners
+
+
+def _body(vehicle: Vehicle) -> list[Curve]:
+    """The body where its size is known, and its tracks.
+
+    Tracks are not where the wheels stand that turn the body as they do.
     """
-
-    name: str
-    kind: str
-    axis: Point
-    contact: Point
-    direction: float
-    radius: float
-    width: float
-    roller: float = 0.0
-    note: str = ""
-    velocity: Point | None = None
+    body, tracks, forward = vehicle.body, vehicle.tracks, np.array([1.0, 0.0])
+    boxes = [] if body.size is None else [(*body.at[:2], forward, *body.size[:2])]
+    if tracks is not None:
+        wide = wheel_width(vehicle.wheels[0])
+        boxes += [(0.0, side * tracks.width / 2, forward, tracks.contact_length, wide)
+                  for side in (1.0, -1.0)]  # fmt: skip
+    return [through("", _box(*box), kind="area", colour=GREY) for box in boxes]
 
 
-@dataclass(frozen=True, eq=False)
-class VehiclePicture:
-    """What a picture of a vehicle shows.
+def _axes_of_body(reach: float) -> list[Curve]:
+    """The axes x and y of the body, and their names."""
+    ends = {"x": np.array([reach, 0.0]), "y": np.array([0.0, reach])}
+    names = [through(n, end[None], kind="words") for n, end in ends.items()]
+    return [*(_arrow("", np.zeros(2), end, GREY) for end in ends.values()), *names]
 
-    Attributes:
-        box: x and y of the body's middle, length, width [m]; None where it is not known.
-        centre: of turning [m], or a point of the line of possible ones.
-        line: direction of that line, or None.
-        mass_centre: x, y [m].
-        tracks: x and y of the middle, length and width of each [m].
+
+def _direction(angle: float) -> Array:
+    return np.array([math.cos(angle), math.sin(angle)])
+
+
+def _rectangle(wheel: Wheel, angle: float | None) -> Curve:
+    """A wheel from above."""
+    name, colour = KINDS[wheel.kind]
+    along = _direction(wheel.direction(angle))
+    corners = _box(*wheel.contact(angle), along, 2.0 * wheel.r, wheel_width(wheel))
+    return through(name, corners, kind="area", colour=colour)
+
+
+def _parts(wheel: Wheel, angle: float | None, size: float, centre: Array | None) -> list[Curve]:
+    """The axle of a wheel that cannot slide, the fork of one that turns, the rollers of a third.
+
+    An axle reaches the centre of turning where that is near.
     """
-
-    title: str
-    subtitle: str
-    wheels: Sequence[WheelMark]
-    box: tuple[float, float, float, float] | None = None
-    centre: Point | None = None
-    line: Point | None = None
-    mass_centre: Point | None = None
-    tracks: Sequence[tuple[float, float, float, float]] = ()
-
-    def draw(self, figure: "Figure") -> None:
-        """Draw the vehicle with x to the right and y up, in metres."""
-        style.heading(figure, 0.7 + _HEIGHT, self.title, self.subtitle)
-        axes = figure.add_subplot()
-        low, high = _extent(self)
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
-        axes.set_aspect("equal", adjustable="box")
-        _draw_body(axes, self)
-        shown = [k for k in KINDS if any(w.kind == k for w in self.wheels)]
-        for mark in self.wheels:
-            _draw_wheel(axes, mark, _size(self))
-        _draw_names(axes, self)
-        _draw_velocities(axes, self)
-        entries = {f"{KINDS[k][0]} wheel": (KINDS[k][1], 5.0) for k in shown}
-        if any(w.kind in ("fixed", "steerable") for w in self.wheels):
-            entries["axle"] = (style.FAINT, 1.2)
-        if self.line is not None:
-            entries["possible centres of turning"] = (style.INK, 1.4)
-        if any(w.velocity for w in self.wheels):
-            entries["velocity"] = (style.INK, 1.4)
-        style.legend_above(axes, entries)
-        _draw_centre(axes, self, low, high)
-        axes.set_xlabel("x, forward [m]")
-        axes.set_ylabel("y, to the left [m]")
-
-
-def _corners(picture: VehiclePicture) -> Array:
-    """Points that the vehicle itself covers, (n, 2)."""
-    points = []
-    for wheel in picture.wheels:
-        (x, y), reach = wheel.contact, max(wheel.radius, wheel.width)
-        points += [(x - reach, y - reach), (x + reach, y + reach), wheel.axis]
-    for x, y, length, width in (*picture.tracks, *([picture.box] if picture.box else [])):
-        points += [(x - length / 2, y - width / 2), (x + length / 2, y + width / 2)]
-    return np.array([*points, (0.0, 0.0)])
-
-
-def _size(picture: VehiclePicture) -> float:
-    return float(np.ptp(_corners(picture), axis=0).max())
-
-
-def _near(picture: VehiclePicture) -> bool:
-    """Whether the centre of turning has its place in the picture."""
-    if picture.centre is None:
-        return False
-    middle = _corners(picture).mean(axis=0)
-    return math.dist(picture.centre, tuple(middle)) <= _FARTHEST * _size(picture)
-
-
-def _extent(picture: VehiclePicture) -> tuple[Array, Array]:
-    points = _corners(picture)
-    if picture.centre is not None and _near(picture):
-        points = np.vstack([points, picture.centre])
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = _MARGIN * float((high - low).max())
-    return low - room, high + room
-
-
-def _draw_body(axes: "Axes", picture: VehiclePicture) -> None:
-    boxes = [(picture.box, style.BAND)] if picture.box else []
-    for (x, y, length, width), colour in (*boxes, *((t, style.FAINT) for t in picture.tracks)):
-        across = np.array([-1, 1, 1, -1]) * length / 2
-        up = np.array([-1, -1, 1, 1]) * width / 2
-        axes.fill(x + across, y + up, facecolor=colour, edgecolor=style.MUTED, zorder=1)
-    reach = 0.12 * _size(picture)
-    for tip, word in (((reach, 0.0), "x"), ((0.0, reach), "y")):
-        style.arrow(axes, (0.0, 0.0), tip, color=style.MUTED)
-        style.words(axes, word, tip, (3, 3), color=style.MUTED)
-    if picture.mass_centre is not None:
-        axes.plot(*picture.mass_centre, "P", markersize=7, color=style.INK, zorder=4)
-        at = picture.mass_centre
-        style.words(axes, "centre of mass", at, (6, -6), va="top", color=style.MUTED)
-
-
-def _draw_wheel(axes: "Axes", mark: WheelMark, size: float) -> None:
-    colour = KINDS[mark.kind][1]
-    along = np.array([math.cos(mark.direction), math.sin(mark.direction)])
-    left = np.array([-along[1], along[0]])
-    middle, half = np.array(mark.contact), (mark.radius, mark.width / 2)
-    corners = [
-        middle + a * half[0] * along + b * half[1] * left
-        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ]
-    axes.fill(*np.array(corners).T, facecolor=colour, edgecolor=style.INK, linewidth=0.6, zorder=3)
-    if mark.kind in ("fixed", "steerable"):
-        axes.axline(
-            tuple(middle), tuple(middle + size * left), color=style.FAINT, linewidth=1.2, zorder=0.5
-        )
-    if mark.kind in ("steerable", "caster"):
-        axes.plot(*zip(mark.axis, mark.contact, strict=True), color=style.INK, zorder=4)
-        axes.plot(*mark.axis, marker="o", markersize=4, color=style.INK, zorder=5)
-    if mark.kind == "swedish":
-        turned = mark.direction + mark.roller
-        roller = np.array([math.cos(turned), math.sin(turned)])
-        reach = min(half[1] / max(abs(float(roller @ left)), 1e-9), half[0] / 2)
+    middle, along = np.array(wheel.contact(angle)), _direction(wheel.direction(angle))
+    left, curves = np.array([-along[1], along[0]]), []
+    if wheel.kind in ("fixed", "steerable"):
+        far = 0.0 if centre is None else float((centre - middle) @ left)
+        reach = np.array([min(far, -0.2 * size), max(far, 0.2 * size)])
+        curves.append(through("axle", middle + np.outer(reach, left), colour=AXLE))
+    if wheel.kind in ("steerable", "caster"):
+        curves.append(through("", np.array([wheel.position, middle]), colour=GREY))
+        curves.append(through("", np.array([wheel.position]), kind="dots", colour=GREY))
+    if wheel.kind == "swedish":
+        roller = _direction(wheel.direction(angle) + wheel.roller)
+        half = min(wheel_width(wheel) / 2 / max(abs(float(roller @ left)), 1e-9), wheel.r / 2)
         for share in (-0.6, -0.2, 0.2, 0.6):
-            ends = middle + share * half[0] * along + np.outer((-reach, reach), roller)
-            axes.plot(*ends.T, color="white", linewidth=1.2, zorder=4)
+            ends = middle + share * wheel.r * along + np.outer((-half, half), roller)
+            curves.append(through("", ends, colour=KINDS["swedish"][1]))
+    return curves
 
 
-def _draw_names(axes: "Axes", picture: VehiclePicture) -> None:
-    """Names stand outside: away from the middle of the wheels."""
-    middle = np.mean([w.contact for w in picture.wheels], axis=0)
-    for mark in picture.wheels:
-        up = mark.contact[1] >= middle[1] - 1e-9
-        reach = abs(math.sin(mark.direction)) * mark.radius
-        reach += abs(math.cos(mark.direction)) * mark.width / 2
-        for k, words in enumerate((mark.note, mark.name) if up else (mark.name, mark.note)):
-            away = 4 + (k if mark.note else 0) * 1.3 * style.SMALL
-            at = (mark.contact[0], mark.contact[1] + (reach if up else -reach))
-            shift, side = (0, away if up else -away), "bottom" if up else "top"
-            style.words(axes, words, at, shift, ha="center", va=side, zorder=6)
+def _arrow(label: str, tail: Array, tip: Array, colour: int) -> Curve:
+    """An arrow as one line: to its tip, and the head."""
+    way = tip - tail
+    side = 0.08 * np.array([-way[1], way[0]])
+    head = [tip - 0.2 * way + side, tip, tip - 0.2 * way - side]
+    return through(label, np.array([tail, tip, *head]), colour=colour)
 
 
-def _draw_velocities(axes: "Axes", picture: VehiclePicture) -> None:
-    fastest = max((math.hypot(*w.velocity) for w in picture.wheels if w.velocity), default=0.0)
-    if fastest == 0.0:
-        return
-    scale = 0.3 * _size(picture) / fastest
-    for mark in picture.wheels:
-        if mark.velocity is not None:
-            tip = np.array(mark.contact) + scale * np.array(mark.velocity)
-            style.arrow(axes, mark.contact, tip, "-|>", 7, color=style.INK, linewidth=1.4)
-
-
-def _draw_centre(axes: "Axes", picture: VehiclePicture, low: Array, high: Array) -> None:
-    if picture.centre is None:
-        return
-    if picture.line is not None:
-        x, y = picture.centre
-        dx, dy = picture.line
-        axes.axline((x, y), (x + dx, y + dy), color=style.INK, linewidth=1.4, dashes=(5, 3))
-        return
-    if _near(picture):
-        axes.plot(
-            *picture.centre, marker="X", markersize=9, color=style.INK, linestyle="none", zorder=6
-        )
-        style.words(axes, "centre of turning", picture.centre, (8, 6), zorder=6)
-        return
-    middle = (low + high) / 2
-    way = np.array(picture.centre) - middle
-    tip = middle + 0.46 * float((high - low).min()) * way / float(np.linalg.norm(way))
-    x, y = picture.centre
-    style.arrow(axes, middle, tip, color=style.INK)
-    style.words(axes, f"centre of turning at ({x:.3g}, {y:.3g}) m", tuple(tip), ha="center")
+def _centre(
+    centre: Array, line: tuple[float, float] | None, middle: Array, size: float, near: bool
+) -> list[Curve]:
+    """The centre of turning, the line of possible ones, or the way to one that is far."""
+    if line is not None:
+        ends = centre + size * np.array([[-1.0], [1.0]]) * np.array(line)
+        return [through("possible centres of turning", ends, colour=CENTRE)]
+    if near:
+        return [through("centre of turning", centre[None], kind="marks", colour=CENTRE)]
+    tip = middle + 0.7 * size * (centre - middle) / math.dist(centre, middle)
+    words = "centre of turning at ({:.3g}, {:.3g}) m".format(*centre)
+    return [_arrow("", middle, tip, CENTRE), through(words, tip[None], kind="words")]

@@ -1,8 +1,7 @@
-"""Pictures of vehicles: from above, fitted to logs, and on a soil."""
+"""Pictures of vehicles: fitted to logs, and on a soil."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from sysid.errors import ModelError
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
-from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 from sysid.robot.calibration.slip_model import Kinematic, Motion
 from sysid.robot.calibration.trajectory import Part, Trajectory
 from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -21,65 +19,6 @@ from sysid.vehicle.ground.resistance import lateral_at_radius
 from sysid.vehicle.ground.skid_steer import steady_turn
 from sysid.vehicle.shear import shear_stress
 from sysid.vehicle.soil import Shear
-from sysid.vehicle.wheels.vehicle import AXES, Vehicle, wheel_width
-from sysid.vehicle.wheels.wheel import velocity_at
-
-
-def draw_vehicle(path: Path, vehicle: Vehicle, facts: dict[str, Any]) -> None:
-    """Draw wheels, axles and centre; those of the motion where one is asked for."""
-    motion = facts.get("inverse") or facts.get("forward") or {}
-    twist = motion.get("possible") or motion.get("twist")
-    commands = facts.get("inverse", {}).get("wheels", {})
-    shown = {w["name"]: w for w in facts["wheels"]}
-    marks = []
-    for wheel in vehicle.wheels:
-        command = commands.get(wheel.name, {})
-        angle = command.get("angle")
-        angle = shown[wheel.name].get("angle") if angle is None else angle
-        contact, velocity = wheel.contact(angle), None
-        if twist is not None:
-            velocity = velocity_at(contact, np.array([twist[axis] for axis in AXES]))
-        speed = command.get("speed")
-        marks.append(
-            WheelMark(
-                name=wheel.name,
-                kind=wheel.kind,
-                axis=wheel.position,
-                contact=contact,
-                direction=wheel.direction(angle),
-                radius=wheel.r,
-                width=wheel_width(wheel),
-                roller=wheel.roller,
-                note="" if speed is None else f"{speed:.3g} rad/s",
-                velocity=velocity,
-            )
-        )
-    icr, body = motion.get("icr") or facts["icr"], vehicle.body
-    mass_centre = facts["centre_of_mass_m"]
-    degrees = (facts[k] for k in ("mobility", "steerability", "manoeuvrability"))
-    picture = VehiclePicture(
-        title=vehicle.name,
-        subtitle="mobility {}, steerability {}, manoeuvrability {}; {}".format(
-            *degrees, icr["sentence"]
-        ),
-        wheels=marks,
-        box=None if body.size is None else (*body.at[:2], *body.size[:2]),
-        centre=None if icr["x"] is None else (icr["x"], icr["y"]),
-        line=icr["direction"] if icr["kind"] == "line" else None,
-        tracks=_tracks(vehicle),
-        mass_centre=None if mass_centre is None else (mass_centre[0], mass_centre[1]),
-    )
-    write_picture(path, picture)
-
-
-def _tracks(vehicle: Vehicle) -> list[tuple[float, float, float, float]]:
-    """Tracks where they are, which is not where the wheels stand that turn the body as they do."""
-    tracks = vehicle.tracks
-    if tracks is None:
-        return []
-    width = wheel_width(vehicle.wheels[0])
-    return [(0.0, y, tracks.contact_length, width) for y in (tracks.width / 2, -tracks.width / 2)]
-
 
 PIECE = 10.0
 """Length of the pieces [s] after which a drawn path starts again from the measured pose."""

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
-from sysid.report.panels import Curve, Panel, panel
+from sysid.report.missions.panels import GREY, through
+from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.contracts import Controller
 from sysid.robot.mission.simulator import simulate
@@ -27,6 +27,15 @@ _RULES = {
 }
 """Short names of rules; others keep theirs."""
 
+ROOM = 0.35
+"""Room around the front, in parts of its span: what lies farther away is no choice."""
+
+PARTS = 3
+"""Of the front by effort, each of a colour."""
+
+RULE, PRESENT, PROPOSED = 3, 4, 5
+"""Colours of sets with names."""
+
 
 def draw_tuning(path: Path, name: str, given: Mission, tuning: Tuning, model: Model) -> None:
     """Draw the choice.
@@ -34,29 +43,20 @@ def draw_tuning(path: Path, name: str, given: Mission, tuning: Tuning, model: Mo
     Args:
         given: the mission with its present gains.
     """
-    trades = [
-        _trade(
-            tuning, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")
-        ),
+    rise, overshoot = ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")
+    panels = [
+        _trade(tuning, "the steps", rise, overshoot),
         _trade(tuning, "the mission", ("time [s]", "time"), ("effort [s]", "effort")),
     ]
     if tuning.best.criteria["min_clearance_m"] is not None:
         across, up = ("time [s]", "time"), ("nearest obstacle [m]", "clearance")
-        trades.append(_trade(tuning, "its obstacles", across, up))
+        panels.append(_trade(tuning, "its obstacles", across, up))
     gains = ", ".join(f"{name} {value:g}" for name, value in tuning.best.gains.items())
     plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
-    write_picture(
-        path,
-        FrontPicture(
-            title=f"{name}: {len(tuning.front)} sets of gains to choose from",
-            subtitle=f"proposed: {gains}; {tuning.trials} tried{plants}",
-            trades=tuple(trades),
-            shade=np.array([_axis(s.criteria, "effort") for s in tuning.front]),
-            shade_name="effort [s]",
-            proposed=tuning.proposed,
-            answers=_answers(given, tuning, model),
-        ),
-    )
+    title = f"{name}: {len(tuning.front)} sets of gains to choose from"
+    words = f"proposed: {gains}; {tuning.trials} tried{plants}"
+    panels += _answers(given, tuning, model)
+    write_picture(path, PanelPicture(title, words, tuple(panels)))
 
 
 def _axis(criteria: Criteria, what: str) -> float:
@@ -69,14 +69,39 @@ def _axis(criteria: Criteria, what: str) -> float:
     return c[{"time": "time_s", "effort": "effort", "clearance": "min_clearance_m"}[what]]
 
 
-def _trade(tuning: Tuning, title: str, across: tuple[str, str], up: tuple[str, str]) -> Trade:
+def _trade(tuning: Tuning, title: str, across: tuple[str, str], up: tuple[str, str]) -> Panel:
+    """Two criteria against each other, of every set that was driven and of those to choose from."""
+
     def both(sets: Sequence[Criteria]) -> Array:
         return np.array([[_axis(c, across[1]), _axis(c, up[1])] for c in sets])
 
-    named = [("present", tuning.present), *((_RULES.get(r.name, r.name), r) for r in tuning.rules)]
-    marks = tuple(Mark(name, *both([s.criteria])[0].tolist()) for name, s in named if s.arrives)
     front = both([s.criteria for s in tuning.front])
-    return Trade(title, across[0], up[0], both(tuning.tried), front, marks)
+    low, high = _window(front)
+
+    def near(points: Array) -> Array:
+        return points[np.all((points >= low) & (points <= high), axis=1)]
+
+    curves = [through("tried", near(both(tuning.tried)), kind="dots", colour=GREY)]
+    effort = np.array([_axis(s.criteria, "effort") for s in tuning.front])
+    for k, part in enumerate(np.array_split(np.argsort(effort), min(PARTS, len(effort)))):
+        label = f"effort to {effort[part].max():.3g} s"
+        curves.append(through(label, front[part], kind="dots", colour=k))
+    best = front[[tuning.proposed]]
+    curves.append(through("proposed", best, kind="marks", colour=PROPOSED))
+    for s in (tuning.present, *tuning.rules):
+        if s.arrives and len(at := near(both([s.criteria]))):
+            colour = PRESENT if s is tuning.present else RULE
+            curves.append(through("", at, kind="marks", colour=colour))
+            curves.append(through(_RULES.get(s.name, s.name), at, kind="words"))
+    return Panel(up[1], title, across[0], up[0], tuple(curves))
+
+
+def _window(front: Array) -> tuple[Array, Array]:
+    """Lowest and highest values that are shown: the front with room around it."""
+    low, high = front.min(axis=0), front.max(axis=0)
+    span = np.where(high > low, high - low, np.maximum(1e-3, 0.05 * np.abs(high)))
+    lowest = np.where(low >= 0.0, -0.05 * high, -np.inf)  # none of the criteria is below 0
+    return np.maximum(low - ROOM * span, lowest), high + ROOM * span
 
 
 def _answers(given: Mission, tuning: Tuning, model: Model) -> tuple[Panel, ...]:
