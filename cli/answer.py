@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from . import render
 
@@ -111,20 +111,8 @@ class Answer:
 
 def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
     """The lines of a table without a frame."""
-    from rich.table import Table
-    from rich.text import Text
-
-    drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
     cells = [["–" if c is None else _joined(render.shown(str(c))) for c in row] for row in rows]
-    shown = [render.shown(h) for h in heads]
-    wide = render.column_widths([shown, *cells], width() - 2 * (len(shown) - 1))
-    for k, head in enumerate(shown):
-        side: Literal["left", "right"] = (
-            "right" if all((r[k] is None or render.is_number(r[k])) for r in rows) else "left"
-        )
-        drawn.add_column(Text(head), justify=side, overflow="fold", width=wide[k])
-    for line in cells:
-        drawn.add_row(*map(Text, line))
+    drawn = render.grid([render.shown(h) for h in heads], cells, rows, width())
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
 

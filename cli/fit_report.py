@@ -122,45 +122,37 @@ def residual_marks(residuals: Mapping[str, Any]) -> str:
     """The tests that failed, by a word each; ``pass`` where none did."""
     if not residuals:
         return "–"
-    failed, tested = [], False
-    if any(t["dof"] for t in residuals["independence"]["outputs"]):
-        tested = True
-        failed += [] if residuals["independence"]["passed"] else ["input"]
-    if residuals["whiteness"]["judged"]:
-        tested = True
-        failed += [] if residuals["whiteness"]["passed"] else ["white"]
-    for test in (residuals.get("nonlinear") or {}).values():
-        tested |= test["judged"]
-        if test["judged"] and not test["passed"] and "nonlinear" not in failed:
-            failed.append("nonlinear")
-    if any(not t["passed"] for t in residuals.get("held_parameters") or ()):
-        failed.append("fixed")
-    return f"{', '.join(failed)} FAIL" if failed else "pass" if tested else "not tested"
+    tests = _verdicts(residuals)
+    failed = dict.fromkeys(mark for mark, passed, _ in tests if not passed)
+    return f"{', '.join(failed)} FAIL" if failed else "pass" if tests else "not tested"
 
 
 def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:
     """Results of the residual tests in words; inputs by name."""
     if not residuals:
         return "–"
-    words = []
+    return ", ".join(words for *_, words in _verdicts(residuals, inputs)) or "not tested"
+
+
+def _verdicts(
+    residuals: Mapping[str, Any], inputs: Sequence[str] = ()
+) -> list[tuple[str, bool, str]]:
+    """The tests that were judged: a word, whether it passed, and its result in words."""
+    tests = []
     if any(t["dof"] for t in residuals["independence"]["outputs"]):
-        of, named = ("", "the inputs")
-        if inputs:
-            of, named = f" of {', '.join(inputs)}", ", ".join(inputs)
-        free = residuals["independence"]["passed"]
-        words.append(f"no linear effect{of} left" if free else f"correlated with {named}")
+        free, names = residuals["independence"]["passed"], ", ".join(inputs)
+        of = f" of {names}" if names else ""
+        words = f"no linear effect{of} left" if free else f"correlated with {names or 'the inputs'}"
+        tests.append(("input", free, words))
     if residuals["whiteness"]["judged"]:
-        words.append("white" if residuals["whiteness"]["passed"] else "not white")
-    for kind, test in (residuals.get("nonlinear") or {}).items():
-        if test["judged"] and not test["passed"]:
-            words.append(_NONLINEAR[kind])
-    nonlinear = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
-    if residuals.get("nonlinear") and all(f["passed"] for f in nonlinear):
-        words.append("nothing nonlinear left")
-    contradicted = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
-    if contradicted:
-        words.append(f"fixed {', '.join(contradicted)} contradicted")
-    return ", ".join(words) or "not tested"
+        white = residuals["whiteness"]["passed"]
+        tests.append(("white", white, "white" if white else "not white"))
+    judged = {k: t for k, t in (residuals.get("nonlinear") or {}).items() if t["judged"]}
+    tests += [("nonlinear", False, _NONLINEAR[k]) for k, t in judged.items() if not t["passed"]]
+    if judged and all(t["passed"] for t in judged.values()):
+        tests.append(("nonlinear", True, "nothing nonlinear left"))
+    held = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
+    return [*tests, *([("fixed", False, f"fixed {', '.join(held)} contradicted")] if held else [])]
 
 
 _NONLINEAR = {

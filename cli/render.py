@@ -21,6 +21,7 @@ from .field_options import running, with_options
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
+    from rich.table import Table
 
     from sysid.data.finding import Finding
     from sysid.report.page import Page
@@ -104,33 +105,48 @@ def table(
     Args:
         rows: cells; floats are shown by :func:`number`, None as a dash.
     """
-    from rich.table import Table
-    from rich.text import Text
-
     console = _console(sys.stdout)
     cells = [[_cell(c) for c in row] for row in rows]
     heads = [shown(h) for h in headings]
     words = [max(map(len, " ".join(c).split(" "))) for c in zip(heads, *cells, strict=True)]
-    framed = sum(words) + 3 * len(heads) < console.width
-    drawn = Table(header_style="bold")
-    if not framed:  # a frame takes the room of words
-        drawn = Table(header_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    beside = 3 * len(heads) + 1 if framed else 2 * len(heads) - 2
-    wide = column_widths([heads, *cells], console.width - beside)
-    for k, heading in enumerate(heads):
-        column = [row[k] for row in rows]
-        numeric = any(is_number(c) for c in column) and all(
-            c is None or is_number(c) for c in column
-        )
-        side: Literal["left", "right"] = "right" if numeric else "left"
-        drawn.add_column(Text(heading), justify=side, overflow="fold", width=wide[k])
-    for line in cells:
-        drawn.add_row(*map(Text, line))
+    framed = sum(words) + 3 * len(heads) < console.width  # a frame takes the room of words
+    drawn = grid(heads, cells, rows, console.width, framed)
     if title:  # as a line of its own: rich would break it at the width of the table
         say(title, "bold")
     console.print(drawn)
     if caption:
         say(caption, "dim")
+
+
+def grid(
+    heads: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    values: Sequence[Sequence[object]],
+    width: int,
+    framed: bool = False,
+) -> "Table":
+    """A table of so many columns of the terminal.
+
+    Args:
+        values: what the cells show; columns of numbers are aligned on the right.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(header_style="bold")
+    if not framed:
+        drawn = Table(header_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    beside = 3 * len(heads) + 1 if framed else 2 * len(heads) - 2
+    wide = column_widths([heads, *cells], width - beside)
+    for k, heading in enumerate(heads):
+        known = [row[k] for row in values if row[k] is not None]
+        side: Literal["left", "right"] = (
+            "right" if known and all(map(_is_number, known)) else "left"
+        )
+        drawn.add_column(Text(heading), justify=side, overflow="fold", width=wide[k])
+    for line in cells:
+        drawn.add_row(*map(Text, line))
+    return drawn
 
 
 def column_widths(rows: Sequence[Sequence[str]], room: int) -> list[int]:
@@ -449,7 +465,7 @@ def _console(stream: Any) -> "Console":
     return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
 
 
-def is_number(cell: object) -> bool:
+def _is_number(cell: object) -> bool:
     return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 

@@ -14,12 +14,11 @@ from sysid_cli.demo import COMMANDS
 from sysid.data.io import read_logs
 from sysid.diagnosis.diagnose import diagnose
 from sysid.estimation.identify import Identification, Request, identify
-from sysid.report.diagnosis_panels import worst
-from sysid.report.diagnosis_picture import worst_windows
-from sysid.report.fits import draw_fit
+from sysid.report.data_panels import fit
 from sysid.report.missions.drives import draw_mission
 from sysid.report.panels import PanelPicture, Shown
 from sysid.report.plots import write_picture
+from sysid.report.trace_panels import worst
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
@@ -104,13 +103,15 @@ def _draw(folder: Path) -> None:
     found = identified()
     best = found.assessments[0].model
     shown = Shown(f"{best.structure.name} of prbs.csv", best)
-    draw_fit(folder / "fit.svg", shown, found.validation)
+    data = ", ".join(r.name for r in found.validation)
+    panels = fit([shown], found.validation)
+    write_picture(folder / "fit.svg", PanelPicture(shown.label, f"free run on {data}", panels))
     mission = load_mission(sysid_datasets.path("obstacles_6_3"))
     robot, _ = as_robot(found.assessments[0].model.plant(), mission)
     draw_mission(folder / "mission.svg", "obstacles_6_3", mission, simulate(mission, robot))
     logs = (read_logs([sysid_datasets.path(name)]) for name in ("multilevel", "multilevel_val"))
     missing = diagnose(*logs, model=found.assessments[0].model)
-    where = worst(worst_windows(missing, 1, 1), changed=True)
+    where = worst(missing, 1, 1)
     title = "Where the model errs most, before and after the diagnosis"
     write_picture(folder / "diagnosis.svg", PanelPicture(title, "", where, columns=1))
 

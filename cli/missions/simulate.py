@@ -205,7 +205,7 @@ def _replay(
     path: Path, plant: "Plant", log: Path, plot: Path | None, read: "ReadOptions"
 ) -> dict[str, Any]:
     from sysid.plant.replay import read_for, replay, write_replay
-    from sysid.report.fits import draw_replay
+    from sysid.report.data_panels import draw_replay
 
     result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import Start, figures, outputs, residual_tests
 from sysid.estimation.assessment.spectra import Spectra, spectra
-from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
+from sysid.plant.replay import Replay
+from sysid.report.panels import RAD, Curve, Panel, PanelPicture, Panels, Shown
+from sysid.report.plots import write_picture
 from sysid.report.style import labelled
 from sysid.structures.model import Model
 
@@ -153,7 +156,7 @@ def run_panels(record: Record, runs: Mapping[str, Array], which: str = "") -> Pa
             errors = tuple(replace(c, y=y - c.y) for c in lines[1:])
         words = f"{name}: measured less simulated"
         panels.append(Panel(f"residual-{name}", words, "time [s]", axis, errors, rules=(0.0,)))
-        for at in worst_windows(errors[0].y):
+        for at in worst_windows(errors[0].y) if len(y) > 2 * ZOOM else ():
             part = slice(at, at + ZOOM)
             near = tuple(replace(c, x=c.x[part], y=c.y[part]) for c in lines)
             words = f"{name} at its worst, {record.t[at]:.4g} s"
@@ -161,20 +164,26 @@ def run_panels(record: Record, runs: Mapping[str, Array], which: str = "") -> Pa
     return tuple(panels)
 
 
-def worst_windows(error: Array) -> list[int]:
+def draw_replay(path: Path, result: Replay) -> None:
+    """Draw the measured outputs of a log beside the plant's."""
+    record = result.record
+    panels = run_panels(record, {"plant": result.simulated})
+    title = f"The exported plant on {record.name}"
+    write_picture(path, PanelPicture(title, "free run from rest", panels))
+
+
+def worst_windows(error: Array, size: int = ZOOM, most: int = ZOOMS) -> list[int]:
     """First samples of the windows with the largest squared error, none over another."""
     with np.errstate(over="ignore", invalid="ignore"):
         square = np.nan_to_num(error**2, nan=0.0, posinf=0.0)
-    if len(square) <= 2 * ZOOM:
-        return []
-    sums = np.convolve(square, np.ones(ZOOM), "valid")
+    sums = np.convolve(square, np.ones(size), "valid")
     starts: list[int] = []
-    for _ in range(ZOOMS):
+    for _ in range(most):
         at = int(np.argmax(sums))
         if sums[at] <= 0.0:
             break
         starts.append(at)
-        sums[max(at - ZOOM, 0) : at + ZOOM] = 0.0
+        sums[max(at - size, 0) : at + size] = 0.0
     return sorted(starts)
 
 

@@ -8,9 +8,8 @@ from sysid.diagnosis.diagnosis import Diagnosis, NamedEffect
 from sysid.diagnosis.several.results import sentences, table_of_logs
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report import diagnosis_panels as panels
-from sysid.report import diagnosis_picture as picture
 from sysid.report import diagnosis_words as words
-from sysid.report import style
+from sysid.report import style, trace_panels
 from sysid.report.diagnosis_path import path_lines, path_table
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Panels
@@ -99,9 +98,8 @@ def _where(diagnosis: Diagnosis) -> Iterator[Section]:
         yield Section(title, text=("There is no excess error above the noise floor.",))
     note = "The stretches of held-out data in which the original model errs most."
     for i, name in enumerate(_outputs(diagnosis)):
-        found = picture.worst_windows(diagnosis, i)
-        if found:
-            drawn = panels.worst(found, changed=diagnosis.grown)
+        drawn = trace_panels.worst(diagnosis, i)
+        if drawn:
             yield Section(f"{name} at its worst", drawn, note=note, pairs=True, within=True)
 
 
@@ -263,13 +261,13 @@ def _regimes(diagnosis: Diagnosis, i: int) -> tuple[Panels, str]:
     channel = words.held_out(diagnosis)[0].record.outputs[i]
     known = diagnosis.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
     facts = channel.unit, known.noise_floor if known is not None else 0.0
-    changed = diagnosis.grown
-    profiles = panels.profiles(picture.profiles(diagnosis, i), *facts, changed=changed)
+    profiles = trace_panels.profiles(diagnosis, i, *facts)
     note = (
         "Residuals are measured less simulated: mean (line), middle 80 % (band), and the middle "
         "80 % of noise alone (grey)."
     )
-    lines = panels.regimes(picture.regime_lines(diagnosis, i), *facts, changed=changed)
+    by_regime = trace_panels.regime_lines(diagnosis, i)
+    lines = trace_panels.regimes(by_regime, *facts, changed=diagnosis.grown)
     return (*lines, *profiles), note if profiles else ""
 
 

@@ -10,18 +10,13 @@ from sysid.diagnosis.isolability import Isolability
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region
 from sysid.report import diagnosis_words as words
-from sysid.report.diagnosis_picture import Profile, RegimeLine, Window
 from sysid.report.panels import Curve, Kind, Panel, Panels
-from sysid.report.style import labelled
 
 BEFORE, AFTER, GREY, TIED = 1, 0, -1, 5
 """Colours."""
 
 MOST = 14
 """Candidates drawn."""
-
-NOISE_80 = 1.28
-"""Half of the middle 80 % of a normal distribution, in standard deviations."""
 
 MOST_EFFECTS = 24
 """Effects whose look-alikes are drawn: those that would show best."""
@@ -81,55 +76,6 @@ def gap(lines: Sequence[words.ChannelLine]) -> Panels:
     )
     return (Panel("gap", "RMSE on held-out data", "of the larger [%]", "", curves,
                   names=tuple(c.name for c in lines)),)  # fmt: skip
-
-
-def regimes(lines: Sequence[RegimeLine], unit: str, floor: float, *, changed: bool) -> Panels:
-    """The RMS error of an output in each regime before and after, over the noise floor."""
-    k = np.arange(float(len(lines)))
-    before, after = (np.array([getattr(x, w) for x in lines]) for w in ("before", "after"))
-    way = Curve("", k, after, np.minimum(before, after), np.maximum(before, after), kind="dots",
-                colour=GREY)  # fmt: skip
-    curves = (way, *_both(k, before, after, changed=changed, kind="dots"))
-    names = tuple(f"{x.regime} · {100 * x.share:.0f} %" for x in lines)
-    note = "Behind a name: its share of the samples. Upright line: the noise floor."
-    return (Panel("regimes", "RMS error by regime", labelled("RMS error", unit), "", curves,
-                  rules=(0.0, floor), names=names, note=note),)  # fmt: skip
-
-
-def _both(
-    x: Array, before: Array, after: Array, *, changed: bool, kind: Kind = "line"
-) -> tuple[Curve, ...]:
-    first = Curve("before" if changed else "simulated", x, before, kind=kind, colour=BEFORE)
-    return (first, Curve("after", x, after, kind=kind, colour=AFTER)) if changed else (first,)
-
-
-def profiles(shown: Sequence[Profile], unit: str, floor: float, *, changed: bool) -> Panels:
-    """Residuals against each regime variable: mean and the middle 80 %, beside that of noise."""
-    panels = []
-    for p in shown:
-        noise = np.full(len(p.x), NOISE_80 * floor)
-        curves = [Curve("noise", p.x, 0.0 * noise, -noise, noise, colour=GREY)]
-        curves.append(Curve("before", p.x, p.before[1], p.before[0], p.before[2], colour=BEFORE))
-        if changed:
-            curves.append(Curve("after", p.x, p.after[1], p.after[0], p.after[2], colour=AFTER))
-        panels.append(Panel(f"profile-{p.variable}", f"Residual over {p.variable}", p.variable,
-                            labelled("residual", unit), tuple(curves)))  # fmt: skip
-    return tuple(panels)
-
-
-def worst(windows: Sequence[Window], *, changed: bool) -> Panels:
-    """Measured and simulated where the original model errs most, each with its command."""
-    traces, commands = [], []
-    for w in windows:
-        time = f"time in {w.record} [s]"
-        curves = (
-            Curve("measured", w.t, w.measured, colour=GREY),
-            *_both(w.t, w.before, w.after, changed=changed),
-        )
-        y, u = labelled(w.output, w.unit), Curve("", w.t, w.command, kind="steps", colour=3)
-        traces.append(Panel("worst", w.output, time, y, curves))
-        commands.append(Panel("command", "Its command", time, w.command_name, (u,)))
-    return (*traces, *commands)
 
 
 def path(record: str, lines: Sequence[tuple[str, Array]]) -> Panels:

@@ -13,15 +13,16 @@ from quick_diagnosis import dead_zone_log, diagnose
 from test_model_page import Tags
 
 from sysid.data.io import read_log
-from sysid.diagnosis.diagnosis import Diagnosis
+from sysid.data.record import Channel, Record
+from sysid.diagnosis.diagnosis import Diagnosis, Trace
 from sysid.diagnosis.validation.localise import Region
 from sysid.effects.catalogue import catalogue
 from sysid.report import diagnosis_panels as panels
 from sysid.report.diagnosis_page import diagnosis_page
-from sysid.report.diagnosis_picture import RegimeLine, Window
 from sysid.report.diagnosis_words import ChannelLine
 from sysid.report.panels import Panel, Panels
 from sysid.report.svg_panels import LETTER, svg
+from sysid.report.trace_panels import regimes, stretch
 
 TEXT = re.compile(
     r'<text x="([-\d.]+)" y="([-\d.]+)" text-anchor="(\w+)" class="([\w ]+)">(.*?)</text>'
@@ -75,15 +76,19 @@ def texts(panel: Panel) -> list[tuple[float, float, float, float]]:
 
 LONG = "w_measured_by_the_encoder_of_the_left_drive_wheel_WWWWWWWWWWWWWWWW"
 T = np.arange(200.0)
-WINDOW = Window(LONG, "rad/s", "log of a long day.csv", T, T, T, T, T, f"{LONG} [µs]")
+RECORD = Record(
+    T[:, None], T[:, None], 1.0, [Channel(LONG, "µs")], [Channel(LONG, "rad/s")],
+    name="log of a long day.csv",
+)  # fmt: skip
+TRACE = Trace(RECORD, T[:, None], T[:, None], "held-out", np.ones(200))
 REGION = Region(f"{LONG}: the command is above 75 % of full drive", 0.5, 0.1, (0.4, 0.6))
 REGIMES = tuple(
-    RegimeLine("its command is zero while it runs ".strip() * k, 0.1, 2.0, 1.0) for k in (1, 2, 3)
+    ("its command is zero while it runs ".strip() * k, 0.1, 2.0, 1.0) for k in (1, 2, 3)
 )
 ODD: dict[str, Panels] = {
     "regions": panels.regions([REGION] * 2),
-    "regimes": panels.regimes(REGIMES, "rad/s", 0.1, changed=True),
-    "worst": panels.worst([WINDOW], changed=True),
+    "regimes": regimes(REGIMES, "rad/s", 0.1, changed=True),
+    "worst": stretch(TRACE, 0, slice(0, 200), changed=True),
     "gap": panels.gap([ChannelLine(LONG, "rad/s", 1.2345e6, 0.02, 0.01, 10.0, 90.0, 99.9)]),
     "path": panels.path(LONG, [(n, np.column_stack([T, T])) for n in ("measured", "after", LONG)]),
 }
