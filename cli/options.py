@@ -222,10 +222,15 @@ def _split(text: str, sep: str) -> list[str]:
     return re.split(rf"{re.escape(sep)}(?![^\[]*\])", text)
 
 
-def numbers(text: str, option: str, advice: str) -> tuple[float, ...]:
-    """Numbers with commas between them."""
+def numbers(
+    text: str, option: str, advice: str, sep: str = ",", count: int | None = None
+) -> tuple[float, ...]:
+    """Numbers with commas, or another sign, between them; so many of them where that is fixed."""
     try:
-        return tuple(float(word) for word in text.split(","))
+        found = tuple(float(word) for word in text.split(sep))
+        if count not in (None, len(found)):
+            raise ValueError
+        return found
     except ValueError:
         raise UsageError(f"{option} cannot read {text!r}; write {advice}") from None
 

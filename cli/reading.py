@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
-from .options import argument, changed, flag, in_panel, option, pairs
+from .options import argument, changed, flag, in_panel, numbers, option, pairs
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
@@ -66,24 +67,14 @@ def periods(given: list[str]) -> dict[str, float]:
     return by_column
 
 
-def band_of(text: str) -> tuple[float, float]:
-    """LOW:HIGH in Hz."""
-    low, _, high = text.partition(":")
-    try:
-        return float(low), float(high)
-    except ValueError:
-        raise UsageError(f"--band cannot read {text!r}; write LOW:HIGH in Hz, e.g. 0.1:5") from None
+band_of = partial(numbers, option="--band", advice="LOW:HIGH in Hz, e.g. 0.1:5", sep=":", count=2)
 
 
-def seconds_to_trim(text: str) -> tuple[float, float]:
+def seconds_to_trim(text: str) -> tuple[float, ...]:
     """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only."""
     head, _, tail = text.partition(":")
-    try:
-        return float(head or 0.0), float(tail or 0.0)
-    except ValueError:
-        raise UsageError(
-            f"--trim cannot read {text!r}; write HEAD:TAIL in seconds, e.g. 2:1.5"
-        ) from None
+    given = f"{head or 0}:{tail or 0}"
+    return numbers(given, "--trim", "HEAD:TAIL in seconds, e.g. 2:1.5", ":", 2)
 
 
 def _mapped(given: Sequence[str]) -> dict[str, str]:

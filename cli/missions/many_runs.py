@@ -166,9 +166,10 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
     """Tables, the sentence, and how to see a run again."""
     batch = facts["runs"]
     rows = [
-        (name, o["count"], f"{100 * o['share']:.3g}", _interval(o["interval"]))
+        (name, o["count"], f"{100 * o['share']:.3g}",
+         "{:.3g} to {:.3g}".format(*(100 * end for end in o["interval"])))
         for name, o in batch["outcomes"].items()
-    ]
+    ]  # fmt: skip
     render.table(("outcome", "runs", "%", "95 % interval"), rows, title=path.name)
     figures = (("time [s]", "time_s"), ("nearest obstacle [m]", "min_clearance_m"),
                ("off the goal [m]", "final_error_m"))  # fmt: skip
@@ -213,7 +214,3 @@ def _show_drivers(shares: dict[str, Any]) -> None:
         ("what matters", "time [%]", "off the goal [%]")[: 1 + len(columns)],
         [(n, *(f"{100 * c[n]:.1f}" for c in columns)) for n in names],
     )
-
-
-def _interval(ends: Sequence[float]) -> str:
-    return f"{100 * ends[0]:.3g} to {100 * ends[1]:.3g}"

@@ -118,7 +118,13 @@ def tune(
 def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
     sets = _shown(tuning)
     rows = [
-        (words, *(_number(s.criteria[key], digits) for _, key, digits in _COLUMNS))
+        (
+            words,
+            *(
+                "–" if s.criteria[key] is None else f"{s.criteria[key]:.{digits}f}"
+                for _, key, digits in _COLUMNS
+            ),
+        )
         for words, s in sets.items()
     ]
     plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
@@ -163,10 +169,6 @@ def _shown(tuning: "Tuning") -> "dict[str, GainSet]":
     for rule in tuning.rules:
         sets[rule.name if len(rule.axes) > 1 else f"{rule.name} ({rule.axes[0]})"] = rule
     return sets
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
 
 
 def _margins(chosen: "GainSet") -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
-from ..options import argument, changed, command, group, in_panel, option, pairs
+from ..options import argument, changed, command, group, in_panel, numbers, option, pairs
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
@@ -103,7 +103,11 @@ def _study(
     from sysid.testbench.pendulum import study
 
     what, error = body
-    box = None if size is None else _lengths(size)
+    box = None
+    if size is not None:
+        each = size.lower().replace("×", "x")
+        length, width = numbers(each, "--size", "LxW in m, e.g. 0.19x0.134", "x", 2)
+        box = length, width
     if (period is None) == (not logs):
         raise UsageError("give either a log of the swing or its period with --period")
     if period is not None:
@@ -119,14 +123,6 @@ def _study(
             raise UsageError(f"{name} belongs to --period; a log already contains it")
     seconds = steps.trim_start, steps.trim_end
     return study.inertia_of_logs(logs, what, read, trim=seconds, size=box)
-
-
-def _lengths(text: str) -> tuple[float, float]:
-    try:
-        a, b = (float(part) for part in text.lower().replace("×", "x").split("x"))
-    except ValueError:
-        raise UsageError(f"--size cannot read {text!r}; write LxW in m, e.g. 0.19x0.134") from None
-    return a, b
 
 
 def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:

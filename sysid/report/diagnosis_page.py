@@ -32,7 +32,8 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> Page:
     base = f"Original model: {diagnosis.base_words}."
     if diagnosis.against:
         base += f" {diagnosis.against.sentence(diagnosis.gap)}"
-    text = (words.story(diagnosis), words.size_sentence(diagnosis), base, *diagnosis.reading)
+    size = "" if diagnosis.excess_error is None else diagnosis.excess_error.sentence
+    text = (words.story(diagnosis), size, base, *diagnosis.reading)
     return Page(
         words.headline(diagnosis),
         " · ".join(["Diagnosis", *_logs(diagnosis)]),

@@ -339,11 +339,6 @@ def estimate_words(v: Value) -> str:
     return f"{v.value:.{decimals}f} ({low:.{decimals}f}{between}{high:.{decimals}f}){unit}"
 
 
-def size_sentence(result: Diagnosis) -> str:
-    """Size of the remaining error; empty where nothing remains."""
-    return "" if result.excess_error is None else result.excess_error.sentence
-
-
 def nothing_named(result: Diagnosis) -> str:
     """What is shown where no effect is reported."""
     if result.unfollowed and not result.unfollowed.startswith(ASTRAY):

@@ -1,6 +1,7 @@
 """The page of a model, and of several: can it be trusted, for what, and what shows it."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -100,17 +101,10 @@ def _section(
     except SysidError:
         return None
     if word in ("bode", "poles"):
-        panels = _of_main_paths(panels, shown)
+        with suppress(SysidError):  # those of the paths that a step shows
+            main = {p.name.partition("-")[2] for p in panels_of("step", shown, ())}
+            panels = tuple(p for p in panels if p.name.partition("-")[2] in main)
     return Section(title, panels)
-
-
-def _of_main_paths(panels: Panels, shown: Sequence[Shown]) -> Panels:
-    """Those of the paths that a step shows."""
-    try:
-        main = {p.name.partition("-")[2] for p in panels_of("step", shown, ())}
-    except SysidError:
-        return panels
-    return tuple(p for p in panels if p.name.partition("-")[2] in main)
 
 
 def verdict(model: Model, report: Mapping[str, Any]) -> list[Check]:

@@ -4,6 +4,7 @@ Each takes the models with their names and the records, and gives panels. Bands 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from sysid.errors import ModelError, UsageError
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.estimation.assessment.responses import (
     CHI_SQUARED,
+    FrequencyCurve,
     ResponseCurve,
+    RootCloud,
     frequency_curves,
     main_paths,
     root_clouds,
@@ -83,10 +86,10 @@ def _banded(label: str, x: Array, y: Array, error: Array, colour: int) -> Curve:
 
 def bode(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """Gain and phase of each path, over the measured frequency response where there is a log."""
-    every = {id(s): {(c.input, c.output): c for c in frequency_curves(s.model)} for s in shown}
+    every = [frequency_curves(s.model) for s in shown]
     found = spectra(records) if records else None
     panels = []
-    for u, y in _paths(shown, every):
+    for (u, y), models in _by_path(shown, every).items():
         gains, phases = [], []
         if found is not None:
             j, i = records[0].input_names.index(u), records[0].output_names.index(y)
@@ -98,10 +101,7 @@ def bode(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
             sure = found.coherence[:, i] > 0.5
             angle = np.degrees(np.unwrap(np.angle(g[sure])))
             phases.append(Curve("measured", found.w[sure], angle, kind="dots", colour=-1))
-        for k, s in enumerate(shown):
-            c = every[id(s)].get((u, y))
-            if c is None:
-                continue
+        for k, s, c in models:
             size, angle = np.abs(c.response), np.degrees(c.phase)
             of_gain, of_phase = c.bands()
             gains.append(Curve(s.label, c.w, size, *of_gain, colour=k))
@@ -127,22 +127,27 @@ def bode(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     return tuple(panels)
 
 
-def _paths(
-    shown: Sequence[Shown], every: Mapping[int, Mapping[tuple[str, str], object]]
-) -> list[tuple[str, str]]:
-    return list(dict.fromkeys(key for s in shown for key in every[id(s)]))
+OfPath = TypeVar("OfPath", FrequencyCurve, RootCloud)
+
+
+def _by_path(
+    shown: Sequence[Shown], every: Sequence[Sequence[OfPath]]
+) -> dict[tuple[str, str], list[tuple[int, Shown, OfPath]]]:
+    """Input and output → number, model and what it has of this path, of the models that have it."""
+    paths: dict[tuple[str, str], list[tuple[int, Shown, OfPath]]] = {}
+    for k, (s, each) in enumerate(zip(shown, every, strict=True)):
+        for c in each:
+            paths.setdefault((c.input, c.output), []).append((k, s, c))
+    return paths
 
 
 def nyquist(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """G in the complex plane with 95 % ellipses at some frequencies."""
-    every = {id(s): {(c.input, c.output): c for c in frequency_curves(s.model)} for s in shown}
+    every = [frequency_curves(s.model) for s in shown]
     panels = []
-    for u, y in _paths(shown, every):
+    for (u, y), models in _by_path(shown, every).items():
         curves = []
-        for k, s in enumerate(shown):
-            c = every[id(s)].get((u, y))
-            if c is None:
-                continue
+        for k, s, c in models:
             curves.append(Curve(s.label, c.response.real, c.response.imag, colour=k))
             some = range(0, len(c.w), max(len(c.w) // 10, 1))
             curves += [_ellipse(c.response[at], c.root[at], k) for at in some]
@@ -170,14 +175,11 @@ def _ellipse(centre: complex, root: Array, colour: int) -> Curve:
 
 def poles(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """Poles (×) and zeros (○) in the z plane with 95 % ellipses."""
-    every = {id(s): {(c.input, c.output): c for c in root_clouds(s.model)} for s in shown}
+    every = [root_clouds(s.model) for s in shown]
     panels = []
-    for u, y in _paths(shown, every):
+    for (u, y), models in _by_path(shown, every).items():
         curves = []
-        for k, s in enumerate(shown):
-            c = every[id(s)].get((u, y))
-            if c is None:
-                continue
+        for k, s, c in models:
             curves += [
                 Curve(s.label, c.poles.real, c.poles.imag, kind="marks", colour=k),
                 Curve("", c.zeros.real, c.zeros.imag, kind="dots", colour=k),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sysid.data.record import Record
 from sysid.report.model_panels import WHAT, panels_of
@@ -34,11 +34,10 @@ class ModelPlots:
     ) -> "Figure":
         """The figure of a word, other models over this one."""
         data = (records,) if isinstance(records, Record) else tuple(records)
-        shown = [Shown(_label(m), m) for m in (self._model, *others)]
+        models = (self._model, *others)
+        orders = [orders_text(m.structure.order_values()) for m in models]
+        shown = [Shown(f"{m.structure.name} {o}".rstrip(), m)
+                 for m, o in zip(models, orders, strict=True)]  # fmt: skip
         panels = panels_of(what, shown, data)
         title = f"{what}: {', '.join(s.label for s in shown)}"
         return figure_of(PanelPicture(title, ", ".join(r.name for r in data), panels))
-
-
-def _label(model: Any) -> str:
-    return f"{model.structure.name} {orders_text(model.structure.order_values())}".rstrip()

@@ -42,21 +42,14 @@ TINY = 1e-10
 """Added to the diagonal of P, in shares of its largest entry."""
 
 
-def _tc(k: Array, alpha: float, rho: float) -> Array:
-    return np.asarray(alpha ** np.maximum.outer(k, k))
-
-
-def _dc(k: Array, alpha: float, rho: float) -> Array:
-    return np.asarray(alpha ** (0.5 * np.add.outer(k, k)) * rho ** abs(np.subtract.outer(k, k)))
-
-
-def _ss(k: Array, alpha: float, rho: float) -> Array:
-    later, both = np.maximum.outer(k, k), np.add.outer(k, k)
-    return np.asarray(alpha ** (both + later) / 2.0 - alpha ** (3.0 * later) / 6.0)
-
-
-KERNELS: Mapping[str, Callable[[Array, float, float], Array]] = {"TC": _tc, "DC": _dc, "SS": _ss}
-"""Name → P of lags from 1 on, α and ρ."""
+KERNELS: Mapping[str, Callable[[Array, Array, float, float], Array]] = {
+    "TC": lambda k, m, a, rho: a ** np.maximum(k, m),
+    "DC": lambda k, m, a, rho: a ** (0.5 * (k + m)) * rho ** abs(k - m),
+    "SS": lambda k, m, a, rho: (
+        a ** (k + m + np.maximum(k, m)) / 2 - a ** (3 * np.maximum(k, m)) / 6
+    ),
+}
+"""Name → P of lags k and m from 1 on, α and ρ."""
 
 USUAL = "DC"
 """It holds TC (ρ = √α) and need not be smooth. The likeliest of three was tried: SS then often won
@@ -184,7 +177,7 @@ def _fitted(R: Array, samples: int, n: int, nu: int, kernel: str) -> tuple[Array
         blocks = np.zeros((width, width))
         for j in range(nu):
             eta, alpha, rho = h[3 * j : 3 * j + 3]
-            P = KERNELS[kernel](k, _unit(alpha), _unit(rho))
+            P = KERNELS[kernel](k[:, None], k, _unit(alpha), _unit(rho))
             P = P / P[0, 0]
             P[np.diag_indices(n)] += TINY
             s = slice(j * n, (j + 1) * n)

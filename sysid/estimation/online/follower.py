@@ -155,7 +155,7 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
     """The rows that an estimate stands on as a CSV log, and how it is read."""
     channels = (*live.inputs, *live.outputs)
     nu, ny = len(live.inputs), len(live.outputs)
-    lines = [",".join(["t", *(_quoted(c.name) for c in channels)])]
+    lines = [",".join(["t", *(f'"{c.name}"' if "," in c.name else c.name for c in channels)])]
     k, kept = 0, 0
     for piece in live.recursion.pieces():
         if len(piece) < MIN_KEPT_ROWS:
@@ -180,10 +180,6 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
         held="keep",
     )
     return "\n".join(lines) + "\n", options
-
-
-def _quoted(name: str) -> str:
-    return f'"{name}"' if "," in name else name
 
 
 def identification(

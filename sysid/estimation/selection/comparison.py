@@ -213,7 +213,7 @@ def common_validation(
 
 def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
     """A note where models are judged on what some of them were fitted to: those look too good."""
-    seen = [c.id for c in contenders if not _unseen(c.model, judged)]
+    seen = [c.id for c in contenders if _seen(c.model, judged)]
     if not seen:
         return []
     who = f"{', '.join(seen)}: {'was' if len(seen) == 1 else 'were'}"
@@ -225,16 +225,16 @@ def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> l
     ]
 
 
-def _unseen(model: Model, judged: Sequence[Record]) -> bool:
-    return not any(
-        bool(s.sha256) and s.sha256 == r.sha256 and _overlap(s.first, s.samples, r, model.dt)
+def _seen(model: Model, judged: Sequence[Record]) -> bool:
+    """Whether the model was fitted to samples of these records."""
+    return any(
+        bool(s.sha256)
+        and s.sha256 == r.sha256
+        and s.first < r.t0 + len(r) * r.dt
+        and r.t0 < s.first + s.samples * model.dt
         for s in model.provenance.data
         for r in judged
     )
-
-
-def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
-    return first < record.t0 + len(record) * record.dt and record.t0 < first + samples * dt
 
 
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:

@@ -41,7 +41,9 @@ def mission_page(
         warnings: what to know before believing it.
         commands: what makes it again.
     """
-    known = plant if plant is not None and _is_tracks(plant) else None
+    # whether its inputs are the commands of a mission's log
+    tracks = plant is not None and {c.name for c in plant.inputs} <= {*TRACKS}
+    known = plant if tracks else None
     sections = [
         Section("The way", way_panels(mission, result, runs)),
         Section("Over time", signal_panels(result, known)),
@@ -62,11 +64,6 @@ def mission_page(
 def headline(name: str, result: MissionResult) -> str:
     """How a mission ends, and when."""
     return f"{name}: {result.outcome.value} after {result.time_s:.1f} s"
-
-
-def _is_tracks(plant: Plant) -> bool:
-    """Whether its inputs are the commands of a mission's log."""
-    return {c.name for c in plant.inputs} <= {*TRACKS}
 
 
 def verdict(
