@@ -211,7 +211,3 @@ def _sentence(model: Model, start: Start, skip: int, longest: int) -> str:
     if window >= longest:
         return f"estimated from all {longest} samples"
     return f"estimated from the first {window} samples"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
