@@ -48,7 +48,8 @@ def test_impulse_response_is_the_truth_within_its_band(kernel: str) -> None:
 def test_the_evidence_is_that_of_the_dense_normal_density() -> None:
     rng = np.random.default_rng(0)
     X, y = rng.standard_normal((30, 5)), rng.standard_normal(30)
-    P = KERNELS["DC"](np.arange(1.0, 6.0), 0.8, 0.7)
+    lags = np.arange(1.0, 6.0)
+    P = KERNELS["DC"](lags[:, None], lags, 0.8, 0.7)
     found = evidence(X.T @ X, X.T @ y, float(y @ y), np.asarray(np.linalg.cholesky(P)), 0.3, 30)
     dense = stats.multivariate_normal(np.zeros(30), X @ P @ X.T + 0.3 * np.eye(30))
     assert found == pytest.approx(-2.0 * dense.logpdf(y) - 30 * np.log(2.0 * np.pi), rel=1e-10)

@@ -67,6 +67,8 @@ class FrequencyCurve:
     Attributes:
         w: angular frequencies [rad/s], (n,).
         response: G(e^{jωT}), complex, (n,).
+        gain_error: standard error of ln |G|, (n,).
+        phase_error: standard error of arg G [rad], (n,).
         root: of the covariance of (Re G, Im G), (n, 2, k): R Rᵀ.
     """
 
@@ -74,6 +76,8 @@ class FrequencyCurve:
     output: str
     w: Array
     response: NDArray[np.complex128]
+    gain_error: Array
+    phase_error: Array
     root: Array
 
     def bands(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -171,7 +175,10 @@ def _length(model: Model, j: int, start: float, level: float, seconds: float | N
 
 
 def frequency_curves(model: Model, frequencies: Array | None = None) -> tuple[FrequencyCurve, ...]:
-    """Frequency responses of every path of a linear model, with their covariances.
+    """Frequency responses of every path of a linear model, with standard errors.
+
+    d ln G = dG/G: its real part is the relative change of the gain, its imaginary part that of the
+    phase, which needs no unwrapping.
 
     Args:
         frequencies: ω [rad/s]; 100 over three decades up to the Nyquist frequency unless given.
@@ -197,16 +204,23 @@ def frequency_curves(model: Model, frequencies: Array | None = None) -> tuple[Fr
 
     root = delta_root(model, numbers, numbers(model.theta))
     parts = root.reshape(2, len(paths), len(w), -1)
-    return tuple(
-        FrequencyCurve(
-            model.inputs[j].name,
-            model.outputs[i].name,
-            w,
-            g[:, i, j],
-            np.moveaxis(parts[:, k], 0, 1),
+    curves = []
+    for k, (i, j) in enumerate(paths):
+        response = g[:, i, j]
+        with np.errstate(all="ignore"):
+            relative = (parts[0, k] + 1j * parts[1, k]) / response[:, None]
+        curves.append(
+            FrequencyCurve(
+                model.inputs[j].name,
+                model.outputs[i].name,
+                w,
+                response,
+                np.sqrt(np.sum(relative.real**2, axis=1)),
+                np.sqrt(np.sum(relative.imag**2, axis=1)),
+                np.moveaxis(parts[:, k], 0, 1),
+            )
         )
-        for k, (i, j) in enumerate(paths)
-    )
+    return tuple(curves)
 
 
 def root_clouds(model: Model) -> tuple[RootCloud, ...]:
