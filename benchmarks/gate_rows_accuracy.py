@@ -92,12 +92,12 @@ def hoop() -> Parts:
 
 
 CED = ((0, 400), (400, 500))
-BLOCKS_AND_PRODUCTS = ("hammerstein-wiener", "narmax")
+BLOCKS_AND_PRODUCTS = ("hammerstein-wiener", "wiener-hammerstein", "narmax")
 
 MEASURED: Mapping[str, Measured] = {
     "ced-low": Measured(partial(rows, "ced/unif_low.csv", *CED), BLOCKS_AND_PRODUCTS, 10),
     "ced-high": Measured(partial(rows, "ced/unif_high.csv", *CED), BLOCKS_AND_PRODUCTS, 10),
-    "tanks": Measured(tanks, ("bj", "hammerstein-wiener"), 50),
+    "tanks": Measured(tanks, ("bj", "hammerstein-wiener", "wiener-hammerstein"), 50),
     "silverbox": Measured(silverbox, ("oe", "hammerstein-wiener"), 50, 1e3),
     "emps": Measured(partial(share, "emps/train.csv", 0.75), ("arx", "armax"), factor=1e3),
     "hoop": Measured(hoop, ("oe", "hammerstein-wiener"), factor=None),

@@ -184,6 +184,34 @@ def error_margin(series: Sequence[Array]) -> float:
     return max(CLOSE, float(np.sqrt((1.0 + 2.0 * max(beyond, 0.0)) / (2.0 * samples))))
 
 
+def independent_samples(errors: Sequence[Array], change: Sequence[Array]) -> float:
+    """As how many independent samples these say whether a change of the errors is chance.
+
+    M = N / (1 + 2 Σ ρ_e(k) ρ_d(k)), k = 1 … N − 1, since Σ e d of unrelated series has the
+    variance N σ_e² σ_d² Σ ρ_e ρ_d over all lags (Bartlett 1946). Errors of a free run follow each
+    other for as long as the plant remembers: a change of the level looks like them, a quick one
+    does not.
+
+    Args:
+        errors: of each output and record, (N,) in order of time, zero where a sample does not
+                count.
+        change: what another model makes of them less these, of the same shapes.
+
+    Returns:
+        1 … N; N where either is zero throughout.
+    """
+    longest = max(len(e) for e in errors)
+    products = np.zeros((2, longest))
+    for e, d in zip(errors, change, strict=True):
+        products[:, : len(e)] += [_lagged(e), _lagged(d)]
+    samples = sum(int(np.count_nonzero(e)) for e in errors)
+    powers = products[:, 0]
+    if not np.all(powers > 0.0):
+        return float(samples)
+    alike = float(np.prod(products[:, 1:] / powers[:, None], axis=0).sum())
+    return max(samples / (1.0 + 2.0 * max(alike, 0.0)), 1.0)
+
+
 def _lagged(x: Array) -> Array:
     """Σ_t x(t) x(t + k) for k = 0 … N − 1."""
     n = len(x)

@@ -1,6 +1,6 @@
 """Trials of a block-oriented fit: what data fit and choose, descents, changes of shape."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record, shortened
-from sysid.fitting.holdout import error_margin, hold_out
+from sysid.fitting.holdout import error_margin, hold_out, independent_samples
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.fitting.run_errors import output_scales
 from sysid.structures.blocks.chain import BlockChain
@@ -23,6 +23,10 @@ from sysid.structures.orders import Orders
 FELT_STATE = 0.1
 """Share of the errors that the whole range of an initial state is taken to change at least: one
 that changes less says nothing, and its step shall be small."""
+
+
+SIZES = (1e-300, 1e300)
+"""Least and largest squared error in a logarithm: some models have none, and some run away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +90,19 @@ class ChainData:
 
     def holdout_margin(self, chain: BlockChain, p: Array) -> float:
         """Fraction by which that error is uncertain: one standard error."""
-        problem = self.problem(chain, self.holdout)
+        return error_margin(self.errors(chain, p, self.holdout))
+
+    def errors(
+        self, chain: BlockChain, p: Array, masks: Sequence[NDArray[np.bool_]]
+    ) -> list[Array]:
+        """Relative errors of each output and experiment, zero where a mask leaves them out."""
+        problem = self.problem(chain, masks)
         parts = np.split(problem.residual(p), np.cumsum(problem.lengths)[:-1])
-        masks = [mask for mask in self.holdout for _ in self.scales]
-        series = [np.zeros(len(mask)) for mask in masks]
-        for whole, mask, part in zip(series, masks, parts, strict=True):
+        which = [mask for mask in masks for _ in self.scales]
+        series = [np.zeros(len(mask)) for mask in which]
+        for whole, mask, part in zip(series, which, parts, strict=True):
             whole[mask] = part
-        return error_margin(series)
+        return series
 
 
 class Effort(NamedTuple):
@@ -242,20 +252,50 @@ def best_start(
     return min(trials, key=lambda trial: trial.cost, default=None)
 
 
-def preferred(tried: Sequence[Trial], data: ChainData) -> Trial:
-    """Of the models within one standard error of the smallest held-out error that of least BIC.
+Improbability = Callable[[Trial, Trial, ChainData], float]
+"""−2 ln of how probable one model is beside another that the same data chose from."""
 
-    Held-out data cannot distinguish them, so the fitted data decide, where a parameter costs ln N.
+
+def preferred(
+    tried: Sequence[Trial], data: ChainData, improbability: Improbability | None = None
+) -> Trial:
+    """Of the models within one standard error of the smallest held-out error the most probable.
+
+    Args:
+        improbability: of a model beside the one ahead; None for ``every_sample_counts``.
     """
+    improbable = improbability or every_sample_counts
     ahead = min(tried, key=lambda t: t.holdout_error)
     limit = (1.0 + data.holdout_margin(ahead.chain, ahead.p)) * ahead.holdout_error
     near = [t for t in tried if t.holdout_error <= limit] or list(tried)
+    return min(near, key=lambda t: (improbable(t, ahead, data), t.holdout_error))
+
+
+def every_sample_counts(t: Trial, ahead: Trial, data: ChainData) -> float:
+    """N ln(V/V₀) + (n − n₀) ln N of the N fitted samples (Schwarz 1978)."""
     size = data.samples * len(data.scales)
+    powers = np.log(np.clip([t.cost, ahead.cost], *SIZES))
+    return float(size * (powers[0] - powers[1]) + (t.chain.n - ahead.chain.n) * np.log(size))
 
-    def bic(t: Trial) -> float:
-        return float(size * np.log(max(t.cost, 1e-300)) + t.chain.n * np.log(size))
 
-    return min(near, key=lambda t: (bic(t), t.holdout_error))
+def independent_samples_count(t: Trial, ahead: Trial, data: ChainData) -> float:
+    """M ln(V/V₀) + (n − n₀) ln M + M' ln(V'/V'₀), by p(all) = p(fitted) p(held out | fitted).
+
+    V, V' are the mean squares of the fitted and of the held-out errors, M and M' the independent
+    samples that say how the two models differ there (``independent_samples``): counted one by one,
+    errors that follow each other would pay for any bend of a curve, while a quick change, as a
+    further coefficient of a numerator makes it, is told from them by every sample.
+    """
+    if t is ahead:
+        return 0.0
+    counts = []
+    for mask in (data.kept, data.holdout):
+        errors, others = (data.errors(x.chain, x.p, mask) for x in (ahead, t))
+        change = [b - a for a, b in zip(errors, others, strict=True)]
+        counts.append(independent_samples(errors, change))
+    powers = np.log(np.clip([[x.cost, x.holdout_error**2] for x in (t, ahead)], *SIZES))
+    penalty = (t.chain.n - ahead.chain.n) * np.log(counts[0])
+    return float((powers[0] - powers[1]) @ counts + penalty)
 
 
 def by_names(structure: BlockStructure, values: Mapping[str, float], data: ChainData) -> Array:

@@ -14,7 +14,13 @@ from sysid.data.record import Record
 from sysid.errors import ModelError
 from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.blocks.trials import ChainData, Effort, Trial, preferred
+from sysid.structures.blocks.trials import (
+    ChainData,
+    Effort,
+    Trial,
+    independent_samples_count,
+    preferred,
+)
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import ranked_starts
 from sysid.structures.orders import Orders, orders_text
@@ -74,7 +80,7 @@ def proposals(
     finer = [_with_static(t, [FINE] * structure.nu, middle) for t in fine]
     finer.sort(key=lambda t: t.holdout_error)
     models = [t.moved(settled, SETTLING) for t in finer[:CHOSEN]]
-    best = preferred(models, settled)
+    best = _preferred(models, settled)
     if structure.is_open(0):
         best, more = _grown(best, settled)
     else:
@@ -84,6 +90,11 @@ def proposals(
         best, wider = _widened(best, settled)
         more += wider
     return best, (*tried, *longer, *finer, *models, *more)
+
+
+def _preferred(tried: Sequence[Trial], data: ChainData) -> Trial:
+    """The most probable of the best: splines of so many points are chosen by independent errors."""
+    return preferred(tried, data, independent_samples_count)
 
 
 def _sizes(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammerstein]:
@@ -138,7 +149,7 @@ def _grown(best: Trial, data: ChainData) -> tuple[Trial, list[Trial]]:
             break
         best = finer
     kinds = [_with_static(best, [parse_static(kind)] * nu, data) for kind in KINDS]
-    return preferred([best, *kinds], data), [*tried, *kinds]
+    return _preferred([best, *kinds], data), [*tried, *kinds]
 
 
 def _widened(best: Trial, data: ChainData) -> tuple[Trial, list[Trial]]:
@@ -158,7 +169,7 @@ def _widened(best: Trial, data: ChainData) -> tuple[Trial, list[Trial]]:
         words = [f"{name} {by:+d}" for name, by in more.items()]
         label = ", ".join([orders_text(wide.order_values()), *words])
         tried.append(best.with_orders(wide.linear_blocks, data, SETTLING, label))
-        before, best = best, preferred([best, tried[-1]], data)
+        before, best = best, _preferred([best, tried[-1]], data)
         return best is not before
 
     while min(min(row) for row in best.structure.orders.nk) > 0 and paid(nk=-1, nb=1):
