@@ -20,3 +20,16 @@ def repeated(xp: Any, times: Any, advance: Callable[[Any], Any], x: Any) -> Any:
     import jax  # configured already by whoever made the arrays
 
     return jax.lax.fori_loop(0, times, lambda _, x: advance(x), x)
+
+
+def bisected(xp: Any, times: int, ends: tuple[Any, Any], beyond: Callable[[Any], Any]) -> Any:
+    """Where ``beyond`` changes from false to true between both ends, after so many halvings."""
+
+    def halved(ends: tuple[Any, Any]) -> tuple[Any, Any]:
+        low, high = ends
+        middle = 0.5 * (low + high)
+        passed = beyond(middle)
+        return xp.where(passed, low, middle), xp.where(passed, middle, high)
+
+    low, high = repeated(xp, times, halved, ends)
+    return 0.5 * (low + high)

@@ -1,9 +1,8 @@
 """Kinematics of slipping tracks (thesis 2.24–2.26), and the slips of a steady motion."""
 
-from collections.abc import Callable
 from typing import Any
 
-from sysid.runners.loops import repeated
+from sysid.runners.loops import bisected
 from sysid.vehicle.contact import Grip, Pair, grip, loads, tracks_at
 from sysid.vehicle.floor import Floor
 from sysid.vehicle.kinematics import Geometry, Real, body_velocity
@@ -94,24 +93,11 @@ def balanced_velocity(
     return body_velocity(left / r, right / r, car.geometry)
 
 
-def _bisected(xp: Any, ends: Pair, beyond: Callable[[Real], Real]) -> Real:
-    """Where ``beyond`` changes from false to true between both ends."""
-
-    def halved(ends: Pair) -> Pair:
-        low, high = ends
-        middle = 0.5 * (low + high)
-        passed = beyond(middle)
-        return xp.where(passed, low, middle), xp.where(passed, middle, high)
-
-    low, high = repeated(xp, HALVINGS, halved, ends)
-    return 0.5 * (low + high)
-
-
 def _slip_for(thrust: Real, side: int, under: Any, xp: Any) -> Real:
     """The smallest slip at which a track has this thrust."""
     nothing = 0.0 * thrust
     ends = nothing, nothing + MOST_SLIP
-    return _bisected(xp, ends, lambda slip: under(side, slip).thrust >= thrust)
+    return bisected(xp, HALVINGS, ends, lambda slip: under(side, slip).thrust >= thrust)
 
 
 def _straight(rolls: Pair, rolling: Real, under: Any, xp: Any) -> Real:
@@ -129,4 +115,4 @@ def _straight(rolls: Pair, rolling: Real, under: Any, xp: Any) -> Real:
     low = xp.minimum(xp.minimum(rolls[0], rolls[1]), 0.0)
     high = xp.maximum(xp.maximum(rolls[0], rolls[1]), 0.0)
     stands = (rolls[0] == 0.0) & (rolls[1] == 0.0)
-    return xp.where(stands, 0.0, _bisected(xp, (low, high), slower))
+    return xp.where(stands, 0.0, bisected(xp, HALVINGS, (low, high), slower))

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from sysid.robot.mission.contracts import Point, Pose, Scene, Wall
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.robot.mission.contracts import Disc, Point, Pose, Scene, Wall
 from sysid.vehicle.kinematics import Real
 
 
@@ -43,6 +46,16 @@ def point_clearance(scene: Scene, x: Real, y: Real, t: Real, xp: Any) -> Real:
 def has_surfaces(scene: Scene) -> bool:
     """Whether there is anything to keep clear of."""
     return bool(scene.obstacles or scene.walls)
+
+
+def box_around(
+    points: Sequence[Point], obstacles: Sequence[Disc], walls: Sequence[Wall], room: float
+) -> tuple[Array, Array]:
+    """Lowest and highest X, Y of what is there, with room around it, (2,) each [m]."""
+    places = [(*p, 0.0) for p in (*points, *(p for w in walls for p in w.points))]
+    at = np.array([*places, *((o.x, o.y, o.radius) for o in obstacles)], dtype=np.float64)
+    low, high = at[:, :2] - at[:, 2:], at[:, :2] + at[:, 2:]
+    return low.min(axis=0) - room, high.max(axis=0) + room
 
 
 def off_line(x: Real, y: Real, start: Sequence[Real], goal: Point, xp: Any) -> Real:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.robot.mission.clearance import point_clearance
+from sysid.robot.mission.clearance import box_around, point_clearance
 from sysid.robot.mission.contracts import (
     Body,
     Disc,
@@ -156,13 +156,9 @@ def plan(mission: Mission) -> Plan:
 
 
 def _map(scene: Scene) -> tuple[Array, Array]:
-    places = [(scene.start.x, scene.start.y, 0.0), (*scene.goal, 0.0)]
-    places += [(o.x, o.y, o.radius) for o in scene.obstacles]
-    places += [(*p, 0.0) for w in scene.walls for p in w.points]
-    places += [(*p, 0.0) for p in (*scene.way, *scene.path)]
-    at = np.array(places)
-    low, high = at[:, :2] - at[:, 2:] - FLOW.margin, at[:, :2] + at[:, 2:] + FLOW.margin
-    (left, bottom), (right, top) = low.min(axis=0), high.max(axis=0)
+    points = ((scene.start.x, scene.start.y), *scene.path, *scene.targets)
+    low, high = box_around(points, scene.obstacles, scene.walls, FLOW.margin)
+    (left, bottom), (right, top) = low, high
     return np.linspace(left, right, FLOW.cells), np.linspace(bottom, top, FLOW.cells)
 
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.runners import floats
+from sysid.runners.loops import bisected
 from sysid.vehicle.ground.resistance import compaction_resistance
 from sysid.vehicle.kinematics import Real
 from sysid.vehicle.pressure import Distribution, Pressure
@@ -111,12 +113,9 @@ class Traction:
             pull: H [N].
         """
         most, at = self.largest_pull(xp)
-        low, high = 0.0 * (at + pull), at + 0.0 * pull
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            enough = self.drawbar_pull(middle, xp) >= pull
-            low, high = xp.where(enough, low, middle), xp.where(enough, middle, high)
-        return xp.where(pull <= most, high, xp.nan)
+        ends = 0.0 * (at + pull), at + 0.0 * pull
+        slip = bisected(xp, _HALVINGS, ends, lambda slip: self.drawbar_pull(slip, xp) >= pull)
+        return xp.where(pull <= most, slip, xp.nan)
 
     def needed_slip(self, pull: float) -> float:
         """As :meth:`slip_for`, of one pull [N]."""
@@ -148,10 +147,8 @@ class Traction:
             tilted = replace(self, slope=slope)
             return float(tilted.largest_pull()[0] - self.vehicle.weight * math.sin(slope))
 
-        low, high = 0.0, min(self.tipping_slope * (1.0 - 1e-9), _STEEPEST)
-        if spare(low) < 0.0:
+        ends = 0.0, min(self.tipping_slope * (1.0 - 1e-9), _STEEPEST)
+        if spare(0.0) < 0.0:
             return math.nan
-        for _ in range(_HALVINGS_OF_SLOPE):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if spare(middle) >= 0.0 else (low, middle)
-        return low
+        slope = bisected(floats, _HALVINGS_OF_SLOPE, ends, lambda slope: spare(slope) < 0.0)
+        return float(slope)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.robot.mission.clearance import distance_to_segment
+from sysid.robot.mission.clearance import box_around, distance_to_segment
 from sysid.robot.mission.contracts import Disc, Point, Wall
 from sysid.vehicle.kinematics import Real
 
@@ -159,12 +159,7 @@ def solved(
 def _axes(
     targets: Sequence[Point], obstacles: Sequence[Disc], walls: Sequence[Wall], cell: float
 ) -> tuple[Array, Array]:
-    places = [(*t, 0.0) for t in targets]
-    places += [(o.x, o.y, o.radius) for o in obstacles]
-    places += [(*p, 0.0) for w in walls for p in w.points]
-    at = np.array(places, dtype=float)
-    low = (at[:, :2] - at[:, 2:]).min(axis=0) - ROOM
-    high = (at[:, :2] + at[:, 2:]).max(axis=0) + ROOM
+    low, high = box_around(targets, obstacles, walls, ROOM)
     counts = np.ceil((high - low) / cell).astype(int) + 1
     if math.prod(counts.tolist()) * len(targets) > MOST_CELLS:
         raise ModelError(

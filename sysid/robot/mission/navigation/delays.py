@@ -77,36 +77,19 @@ def advanced(
     samples = _with_measurements(slots, sample, came, delays, xp)
     beliefs = mapped(shifted, history.beliefs, newest(history))
     rows = len(samples.dt)
+    # what is compiled replays all rows, whatever came: runs side by side differ in that
+    came_late = (d for d, c in zip(delays, came, strict=True) if c)
+    oldest = rows - 2 if compiled(xp) else max(came_late, default=0)
+    first = rows - 1 - oldest
 
-    def latest() -> tuple[Any, Any]:
-        before, newest = (
-            mapped(lambda leaf, k=k: leaf[k], t) for k, t in ((-2, beliefs), (-1, samples))
-        )
-        belief, figures = fuse(before, newest)
+    def step(belief: Any, given: BufferedSample) -> tuple[Any, Any]:
+        belief, figures = fuse(belief, given)
+        return belief, (belief, figures)
 
-        def replaced(rows: Any, one: Any) -> Any:
-            return xp.concatenate([rows[:-1], xp.array([one])])
-
-        return mapped(replaced, beliefs, belief), figures
-
-    def replayed() -> tuple[Any, Any]:
-        first = (
-            1 if compiled(xp) else rows - 1 - max(d for d, c in zip(delays, came, strict=True) if c)
-        )
-
-        def step(belief: Any, given: BufferedSample) -> tuple[Any, Any]:
-            belief, figures = fuse(belief, given)
-            return belief, (belief, figures)
-
-        before = mapped(lambda leaf: leaf[first - 1], beliefs)
-        _, (after, figures) = repeated(xp, step, before, samples, first)
-        joined = mapped(lambda old, new: xp.concatenate([old[:first], new]), beliefs, after)
-        return joined, mapped(lambda leaf: leaf.sum(axis=0), figures)
-
-    # Side by side, compiled, both would be computed for every run.
-    late = compiled(xp) or any(c and d > 0 for c, d in zip(came, delays, strict=True))
-    beliefs, figures = replayed() if late else latest()
-    return History(samples, beliefs), figures
+    before = mapped(lambda leaf: leaf[first - 1], beliefs)
+    _, (after, figures) = repeated(xp, step, before, samples, first)
+    joined = mapped(lambda old, new: xp.concatenate([old[:first], new]), beliefs, after)
+    return History(samples, joined), mapped(lambda leaf: leaf.sum(axis=0), figures)
 
 
 def newest(history: History) -> Any:
