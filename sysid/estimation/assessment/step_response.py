@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.level_crossing import first_crossing
 from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed, ratio
 from sysid.estimation.assessment.delta_method import Estimate, Number, StandardError, estimates
@@ -257,19 +258,13 @@ def _read(y: Array, dt: float, step: float) -> _Run:
         return _Run(gain, np.nan, np.nan, np.nan, integrates, True)
     share = shape / change
     first = int(np.argmax(np.abs(share) > MOVES))
-    dead = max(first - 1, 0) * dt
-    rise = _crossing(share, first, 1.0 - np.exp(-1.0)) * dt - dead
+    begun = max(first - 1, 0)
+    dead = begun * dt
+    k = np.arange(float(len(share) - begun))
+    rise = dt * float(first_crossing(k, share[begun:], 1.0 - np.exp(-1.0)))
     outside = np.flatnonzero(np.abs(share - 1.0) > SETTLED)
     settling = 0.0 if not len(outside) else _return(share, int(outside[-1])) * dt
     return _Run(gain, dead, rise, settling, integrates, True)
-
-
-def _crossing(share: Array, first: int, level: float) -> float:
-    """Sample, with its fraction, at which a response first crosses a level."""
-    k = first + int(np.argmax(share[first:] >= level))
-    if k == 0 or share[k] == share[k - 1]:
-        return float(k)
-    return k - 1 + float((level - share[k - 1]) / (share[k] - share[k - 1]))
 
 
 def _return(share: Array, k: int) -> float:

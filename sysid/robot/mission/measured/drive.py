@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.level_crossing import first_crossing
 from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
@@ -119,7 +120,7 @@ class MeasuredDrive:
 
 
 def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
-    """When robots have first moved by a distance or an angle [s], (K,); NaN where never.
+    """When robots have first moved by a distance or an angle [s], (K,); infinite where never.
 
     Args:
         t: instants, (N,).
@@ -130,14 +131,7 @@ def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
     share = np.maximum(
         np.hypot(away[..., 0], away[..., 1]) / distance, np.abs(away[..., 2]) / angle
     )
-    over = share >= 1.0
-    first = np.argmax(over, axis=1)
-    rows = np.arange(len(pose))
-    before = np.maximum(first - 1, 0)
-    low, high = share[rows, before], share[rows, first]
-    part = np.where(first > 0, (1.0 - low) / np.where(high > low, high - low, 1.0), 0.0)
-    instant = t[before] + part * (t[first] - t[before])
-    return np.where(over.any(axis=1), instant, np.nan)
+    return first_crossing(t, share.T, 1.0)
 
 
 def command_begins(t: Array, pwm: Array) -> float:

@@ -34,7 +34,6 @@ class WorkingPoint:
     drive: float = 0.5
     change: float = 0.05
     settled: float = 1e-3
-    longest: int = 20_000
 
 
 POINT = WorkingPoint()
@@ -81,7 +80,7 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
     if rest.ending is not Ending.RESTS:
         raise ModelError(f"no controller can be tuned to this plant: {rest.ending.value}")
     change = POINT.change * PWM_FULL_SCALE * direction
-    up, down = (_run(plant, rest.state, centre + s * change) for s in (1.0, -1.0))
+    up, down = (settle(plant, rest.state, centre + s * change).response for s in (1.0, -1.0))
     count = min(len(up), len(down))
     omega = (up[:count] - down[:count]) / (2.0 * POINT.change)
     speed, yaw_rate = body_velocity(omega[:, 0], omega[:, 1], geometry)
@@ -89,20 +88,6 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
     if not abs(step[-1]) > 0:
         raise ModelError(f"no controller can be tuned: the plant's {axis.value} does not respond")
     return AxisAnswer(axis, plant.dt, _cut(step))
-
-
-def _run(plant: SteppablePlant, state: Array, u: Array) -> Array:
-    rows: list[Array] = []
-    block = 256
-    while True:
-        for _ in range(block):
-            state, y = plant.step(state, u)
-            rows.append(np.asarray(y, dtype=np.float64))
-        values = np.array(rows)
-        half, span = values[len(values) // 2 :], np.ptp(values, axis=0)
-        if np.all(np.ptp(half, axis=0) <= POINT.settled * span) or len(rows) >= POINT.longest:
-            return values
-        block = len(rows)
 
 
 def _cut(step: Array) -> Array:

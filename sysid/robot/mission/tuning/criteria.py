@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.data.level_crossing import first_crossing
 from sysid.data.record import Array
 from sysid.robot.mission.batch.figures import Driven, Figures
 from sysid.robot.mission.contracts import SteppablePlant
@@ -230,7 +231,7 @@ def criteria(test: StepTest, answers: Driven, drives: Figures) -> Criteria:
 def _step(t: Array, share: Array) -> tuple[Array, Array]:
     """Rise from 10 to 90 % [s] and overshoot [%] of answers in shares of their step, (T, K)."""
     with np.errstate(invalid="ignore"):
-        rise = _reached(t, share, 0.9) - _reached(t, share, 0.1)
+        rise = first_crossing(t, share, 0.9) - first_crossing(t, share, 0.1)
     return np.where(np.isnan(rise), np.inf, rise), 100.0 * np.maximum(
         0.0, np.max(share, axis=0) - 1.0
     )
@@ -239,16 +240,3 @@ def _step(t: Array, share: Array) -> tuple[Array, Array]:
 def _left(share: Array) -> Array:
     """Steady-state error |1 − share| of the last tenth of answers (T, K), its mean, [%]."""
     return np.asarray(100.0 * np.abs(1.0 - share[-max(1, len(share) // 10) :].mean(axis=0)))
-
-
-def _reached(t: Array, share: Array, level: float) -> Array:
-    """When each answer first reaches a level, between samples on a straight line; inf if never."""
-    beyond = share >= level
-    k = np.argmax(beyond, axis=0)
-    columns = np.arange(share.shape[1])
-    before = np.maximum(k - 1, 0)
-    low, up = share[before, columns], share[k, columns]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.where(k > 0, (level - low) / (up - low), 0.0)
-    instant = t[before] + part * (t[k] - t[before])
-    return np.where(beyond.any(axis=0), instant, np.inf)
