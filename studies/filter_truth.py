@@ -33,7 +33,7 @@ def own_run(
         measurements = world.moved(scene.dt if k else 0.0)
         given = NavigationInputs(k * scene.dt, measurements, scene)
         state, _ = law.step(state, given, scene.dt if k else 0.0, np)
-        rows.append((*world.x[:POSE], *law.report(state, np)))
+        rows.append((*world.x[: len(POSE)], *law.report(state, np)))
     table = np.array(rows)
     table[:, PSI] = wrap_angle(table[:, PSI])
     return {name: table[:, i] for i, name in enumerate(("x", "y", "psi", *law.columns))}

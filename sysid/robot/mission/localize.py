@@ -12,7 +12,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
 from sysid.robot.mission.contracts import NavigationInputs, Pose, Reporting, Scene
-from sysid.robot.mission.navigation.consistency import chi2_bounds, samples_in_one
+from sysid.robot.mission.navigation.consistency import POSE, mean_nees, mean_nis
 from sysid.robot.mission.registry import law
 from sysid.robot.mission.spec import Mission
 from sysid.vehicle.kinematics import wrap_angle
@@ -215,25 +215,15 @@ def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, 
     """
     if "nis" not in columns:
         return {}
-
-    def bounds(dof: float, count: float) -> list[float]:
-        return [quantile / count for quantile in chi2_bounds(dof, 0.95)]
-
+    run = {**columns, **({} if pose is None else dict(zip(POSE, pose.T, strict=True)))}
     came = columns["nis_dof"] > 0
-    nis, dof = columns["nis"][came], columns["nis_dof"][came]
-    facts: dict[str, Any] = {"nis_mean": None, "nis_bounds": None}
-    if came.any():
-        facts = {"nis_mean": float(nis.mean()), "nis_bounds": bounds(float(dof.sum()), len(nis))}
-    facts |= dict.fromkeys(f"nees{of}_{n}" for of in ("", "_heading") for n in ("mean", "bounds"))
-    if pose is not None:
-        dx, dy = columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1]
-        xx, xy, yy = (columns[n] for n in ("P_xx", "P_xy", "P_yy"))
-        place = (yy * dx**2 - 2 * xy * dx * dy + xx * dy**2) / (xx * yy - xy**2)
-        heading = wrap_angle(columns["psi_est"] - pose[:, 2]) ** 2 / columns["P_psi"]
-        for of, nees, size in (("", place, 2.0), ("_heading", heading, 1.0)):
-            nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
-            if len(nees):
-                count = max(1.0, len(nees) / samples_in_one([nees]))
-                facts[f"nees{of}_mean"] = float(nees.mean())
-                facts[f"nees{of}_bounds"] = bounds(size * count, count)
+    read = float(columns["nis_dof"][came].mean()) if came.any() else 0.0
+    facts: dict[str, Any] = {}
+    for name, size, mean in (
+        ("nis", read, mean_nis([run], 0.95)),
+        ("nees", 2.0, mean_nees([run], POSE[:2], 0.95)),
+        ("nees_heading", 1.0, mean_nees([run], POSE[2:], 0.95)),
+    ):
+        facts[f"{name}_mean"] = None if mean is None else size * mean.mean
+        facts[f"{name}_bounds"] = None if mean is None else [size * b for b in mean.bounds]
     return facts

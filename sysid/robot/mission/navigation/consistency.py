@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.robot.mission.navigation.process import PSI
 from sysid.vehicle.kinematics import wrap_angle
 
-POSE = 3
-"""Degrees of freedom of the error of a pose: x, y, ψ."""
+POSE = ("x", "y", "psi")
+"""States of a pose, whose errors and covariances a log holds."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +79,27 @@ def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) 
         probability: with which the bounds hold a mean where model and noise are right; as in the
             tests of residuals, one verdict in a hundred may be wrong.
     """
+    nis, nees = mean_nis(runs, probability), mean_nees(runs, POSE, probability)
+    return Consistency(nis, nees, len(runs))
+
+
+def mean_nis(runs: Sequence[Mapping[str, Array]], probability: float) -> Mean | None:
+    """Of the innovations of runs; None where nothing was read."""
     read = sum(float(np.nansum(run["nis_dof"])) for run in runs)
-    nis = None
-    if read > 0:
-        total = sum(float(np.nansum(run["nis"])) for run in runs)
-        nis = _mean(total / read, read, probability)
-    series = [errors for run in runs if (errors := nees(run)) is not None and len(errors)]
+    total = sum(float(np.nansum(run["nis"])) for run in runs)
+    return _mean(total / read, read, probability) if read > 0 else None
+
+
+def mean_nees(
+    runs: Sequence[Mapping[str, Array]], states: Sequence[str], probability: float
+) -> Mean | None:
+    """Of the errors of some states of the pose; None where the truth is not known."""
+    series = [errors for run in runs if (errors := nees(run, states)) is not None and len(errors)]
     if not series:
-        return Consistency(nis, None, len(runs))
+        return None
     independent = sum(len(s) for s in series) / samples_in_one(series)
-    mean = float(np.concatenate(series).mean()) / POSE
-    dof = POSE * max(independent, len(series))
-    return Consistency(nis, _mean(mean, dof, probability), len(runs))
+    mean = float(np.concatenate(series).mean()) / len(states)
+    return _mean(mean, len(states) * max(independent, len(series)), probability)
 
 
 def _mean(mean: float, dof: float, probability: float) -> Mean:
@@ -99,19 +107,27 @@ def _mean(mean: float, dof: float, probability: float) -> Mean:
     return Mean(mean, (low / dof, high / dof))
 
 
-def nees(run: Mapping[str, Array]) -> Array | None:
-    """eᵀP⁻¹e of the pose at every sample after the first; None where the truth is not known."""
-    if not {"x", "y", "psi"} <= run.keys():
+def nees(run: Mapping[str, Array], states: Sequence[str] = POSE) -> Array | None:
+    """eᵀP⁻¹e of states of the pose at every sample after the first, which is given; None where the
+    truth is not known."""
+    if not {*states} <= run.keys():
         return None
-    error = np.stack([run[f"{name}_est"] - run[name] for name in ("x", "y", "psi")], axis=1)[1:]
-    error[:, PSI] = wrap_angle(error[:, PSI])
-    xx, xy, yy = (run[f"P_{name}"][1:] for name in ("xx", "xy", "yy"))
-    xp, yp, pp = (run[f"P_{name}"][1:] for name in ("x_psi", "y_psi", "psi"))
-    P = np.stack([xx, xy, xp, xy, yy, yp, xp, yp, pp], axis=1).reshape(-1, 3, 3)
+    error = np.stack([run[f"{name}_est"] - run[name] for name in states], axis=1)[1:]
+    error = np.where(np.array(states) == "psi", wrap_angle(error), error)
+    P = np.stack([run[_entry(a, b)][1:] for a in states for b in states], axis=1)
+    P = P.reshape(-1, len(states), len(states))
     known = np.isfinite(error).all(axis=1) & np.isfinite(P).all(axis=(1, 2))
     error, P = error[known], P[known]
     squared: Array = np.einsum("ti,ti->t", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
     return squared
+
+
+def _entry(a: str, b: str) -> str:
+    """The column of an entry of P: P_xx, P_x_psi, P_psi …"""
+    first, second = sorted((a, b), key=POSE.index)
+    if second != "psi":
+        return f"P_{first}{second}"
+    return "P_psi" if first == "psi" else f"P_{first}_psi"
 
 
 def chi2_bounds(dof: float, probability: float) -> tuple[float, float]:

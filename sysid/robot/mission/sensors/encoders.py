@@ -8,6 +8,7 @@ from pydantic import Field
 from sysid.robot.mission.contracts import Scene, SensorInputs
 from sysid.robot.mission.sensors.imperfect import AT_ONCE, ImperfectSensor, NotNegative, Reals
 from sysid.robot.mission.settings import Positive
+from sysid.runners.trees import chosen
 from sysid.vehicle.kinematics import Real
 
 
@@ -98,16 +99,7 @@ class Encoders(ImperfectSensor):
             (count - last) * self.tick / time
             for count, last in zip(ticks, memory.ticks, strict=True)
         )
-
-        def kept(condition: Real, new: Reals, old: Reals) -> Reals:
-            return tuple(xp.where(condition, n, o) for n, o in zip(new, old, strict=True))
-
-        after = Counted(
-            speeds=memory.speeds,
-            turned=memory.turned,
-            before=kept(now, memory.turned, memory.before),
-            counted=kept(now, counted, memory.counted),
-            ticks=kept(arrives, ticks, memory.ticks),
-            waiting=xp.where(arrives, 0.0, xp.where(now, waited, memory.waiting)),
-        )
+        instant = memory._replace(before=memory.turned, counted=counted, waiting=waited)
+        after = chosen(now, instant, memory, xp)
+        after = chosen(arrives, after._replace(ticks=ticks, waiting=0.0), after, xp)
         return after, (*speeds, *ticks)

@@ -12,6 +12,7 @@ from sysid.robot.mission.sensors.imperfect import (
     each,
 )
 from sysid.robot.mission.settings import Positive
+from sysid.runners.trees import chosen
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 
@@ -74,13 +75,8 @@ class VisualOdometry(ImperfectSensor):
             y + s * forward + c * sideways,
             wrap_angle(psi + turned),
         )
-
-        def kept(new: Pose, old: Pose) -> Pose:
-            return Pose(*(xp.where(now, n, o) for n, o in zip(new, old, strict=True)))
-
-        return Followed(
-            memory.pose, kept(memory.pose, memory.frame), kept(seen, memory.seen)
-        ), tuple(seen)
+        frame = Followed(memory.pose, memory.pose, seen)
+        return chosen(now, frame, memory, xp), tuple(seen)
 
 
 def motion_between(earlier: Pose, later: Pose, xp: Any) -> tuple[Real, Real, Real]:

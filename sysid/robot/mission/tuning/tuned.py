@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.documents import plain
+from sysid.data.documents import plain_object
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import StepTest
 from sysid.robot.mission.tuning.linear_loops import Margins
@@ -53,15 +53,6 @@ class GainSet:
     margins: Mapping[str, Margins]
     arrives: bool
     axes: tuple[str, ...] = ()
-
-    def summary(self) -> dict[str, Any]:
-        facts: dict[str, Any] = {
-            "gains": dict(self.gains),
-            "criteria": dict(self.criteria),
-            "margins": plain(self.margins),
-            "arrives": self.arrives,
-        }
-        return {"name": self.name, **facts} if self.name else facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,19 +128,8 @@ class Tuning:
 
     def summary(self) -> dict[str, Any]:
         """Everything but the sets that were beaten, as plain values for a JSON document."""
-        best = self.best.summary()
-        return {
-            "gains": best["gains"],
-            "criteria": best["criteria"],
-            "margins": best["margins"],
-            "proposed": self.proposed,
-            "front": [member.summary() for member in self.front],
-            "present": self.present.summary(),
-            "rules": [{**rule.summary(), "axes": list(rule.axes)} for rule in self.rules],
-            "steps": {"speed": self.test.speed, "turn": self.test.turn},
-            "trials": self.trials,
-            "plants": self.plants,
-            "seed": self.seed,
-            "seconds": self.seconds,
-            "sentence": self.sentence,
-        }
+        best, steps = self.best, {"speed": self.test.speed, "turn": self.test.turn}
+        names = ("proposed", "front", "present", "rules", "trials", "plants", "seed", "seconds")
+        shown = {name: getattr(self, name) for name in (*names, "sentence")}
+        chosen = {"gains": best.gains, "criteria": best.criteria, "margins": best.margins}
+        return plain_object({**chosen, **shown, "steps": steps})
