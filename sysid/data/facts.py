@@ -138,8 +138,15 @@ class LogFacts:
     @property
     def laws_alone(self) -> tuple[FeedbackTest, ...]:
         """Laws that explain the only input by an output, no set point beside it: a controller
-        alone moves it, or, where feedback is not seen, may do so."""
-        laws = [t for t in self.feedback or () if t.law is not None and not t.reference]
+        alone moves it, or, where feedback is not seen, may do so. A set point that never moves
+        beside sure feedback says the same of a law that does not show: of a sensor of its own."""
+        rests = any(r.still_references for r in self.records)
+        rests = rests and all(r.references is None for r in self.records)
+        laws = [
+            t
+            for t in self.feedback or ()
+            if not t.reference and not t.relay and (t.law is not None or (rests and t.sure))
+        ]
         return tuple(laws) if self.records[0].nu == 1 else ()
 
     @property

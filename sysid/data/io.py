@@ -225,9 +225,10 @@ def _read(
         *grid.findings,
     )
     records = []
+    still = tuple(n for n in choice.ignored if is_set_point(n) and n not in rows.references)
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
         record = _record(read, rows.t, grid.dt, channels, rows.references, segment)
-        record = replace(record, name=name, sha256=digest)
+        record = replace(record, name=name, sha256=digest, still_references=still)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
     said = decisions(table, choice, clock.t, rows.counted, records, findings, pose_units)

@@ -111,6 +111,7 @@ class Record:
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
         reference_names: their nr column names.
+        still_references: names of set points in the file that never move.
         unused: columns that were chosen for nothing, (N, n), in the file's units, or None: what
             seems to change with time may go with one of them.
         since: what went before a piece of a longer record: seconds, and the integral of each
@@ -135,6 +136,7 @@ class Record:
     weights: Array | None = None
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
+    still_references: tuple[str, ...] = ()
     unused: Array | None = None
     unused_names: tuple[str, ...] = ()
     since: Array | None = None

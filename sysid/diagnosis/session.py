@@ -26,7 +26,7 @@ from sysid.diagnosis.validation.model_error import (
     structured,
 )
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
-from sysid.diagnosis.validation.runs_away import running_away
+from sysid.diagnosis.validation.runs_away import without_free_run
 from sysid.effects.base import Effect
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
@@ -186,14 +186,15 @@ class DiagnosisSession:
         """The proven shape of each output around a candidate model, beside what its errors show."""
         by_name = {o.output: o.share for o in left.outputs}
         names = self.base.parts.holdout[0].output_names
-        shapes = [s for s in self.shapes(candidate) if not self.running_away[s.index]]
+        shapes = [s for s in self.shapes(candidate) if not self.without_free_run[s.index]]
         of_signals = [by_name.get(name, 0.0) for name in names]
         return proven(shapes, of_signals, self.base.parts.facts.drifts.tolist())
 
     @cached_property
-    def running_away(self) -> NDArray[np.bool_]:
-        """Outputs that only feedback keeps from running away, (ny,): no free run follows these."""
-        alone = running_away(self.base.parts.facts) if self.base.in_loop else ()
+    def without_free_run(self) -> NDArray[np.bool_]:
+        """Outputs that only feedback keeps from running away, or that alone move their input: no
+        free run says anything of these, (ny,)."""
+        alone = without_free_run(self.base.parts.facts) if self.base.in_loop else ()
         return np.array([n in alone for n in self.base.parts.estimation[0].output_names])
 
     def explains_more(self, selection: Selection, candidate: CandidateModel) -> bool:

@@ -103,7 +103,15 @@ def check_feedback(facts: LogFacts) -> Iterator[Finding]:
         if test.relay is not None:
             channels = {c.name: c for c in (*facts.records[0].inputs, *facts.records[0].outputs)}
             text = _switched(test, test.relay, channels[test.input], channels[test.output])
-        if test.law is not None and not test.reference:
+        if test.exchanged:
+            share = f"share {100 * test.share:.2g} %"
+            text = (
+                f"{test.input} follows {test.output} ({share}), which follows nothing of "
+                f"{test.input}: input and output may be exchanged, or only a controller moves the "
+                "input."
+            )
+            how = f"If they are, give {argument(inputs=[test.output], outputs=[test.input])}."
+        if (test.law is not None and not test.reference) or test in facts.laws_alone:
             text += (
                 " No set point moves it within the log: gain and time constants of a model may be "
                 "those of the disturbance and the controller, off by any amount."

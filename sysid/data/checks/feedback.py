@@ -81,6 +81,10 @@ ANSWER = 4
 SURE = 1e-4
 """Level at which feedback is certain enough to change how a model is searched for."""
 
+MOSTLY, LITTLE = 0.5, 0.1
+"""Share of an input that the output then explains where the two are exchanged; and how much of it
+the input may explain of the output."""
+
 STRONG = 0.05
 """Share that a response then explains at least."""
 
@@ -105,6 +109,7 @@ class FeedbackTest:
         law: by which the input follows the output within the sample, None where it follows none,
             or where it may as well be that of a plant. It alone, without ``seen``, does not say
             which of the two computes the other.
+        exchanged: whether the input follows the output, which follows nothing of the input.
         share: part of the output's innovations that future inputs explain, or part of the input's
             unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
     """
@@ -118,6 +123,7 @@ class FeedbackTest:
     law: ControlLaw | None = None
     relay: RelayLaw | None = None
     column: str = ""
+    exchanged: bool = False
 
     @property
     def seen(self) -> bool:
@@ -151,7 +157,8 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         clearest = min(of_output, key=lambda t: t.p_value)
         p_value = min(1.0, len(by_test) * clearest.p_value)
         test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
-        tests.append(_by_relay(records, _by_law(records, test)))
+        test = _by_relay(records, _by_law(records, test))
+        tests.append(replace(test, exchanged=_exchanged(records, test, order, far)))
     with_references = at_most(with_reference(records), MAX_SAMPLES)
     if not with_references:
         return tuple(tests)
@@ -199,6 +206,22 @@ def _by_law(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
         if alone and known:
             return replace(test, input=name, moving=moving, law=law)
     return test
+
+
+def _exchanged(
+    records: Sequence[Record], test: FeedbackTest, order: int, far: NDArray[np.int64]
+) -> bool:
+    """Whether a column that was taken as the only input is rather what the other one causes.
+
+    Its past says next to nothing of that one beside that one's own, which explains most of it.
+    """
+    one = records[0].nu == records[0].ny == 1 and test.law is None and test.relay is None
+    if not (one and test.sure and test.share > MOSTLY):
+        return False
+    fit = long_regression(records, order, 0, order, far)
+    gain, _ = wald(fit, 0, np.arange(fit.b.shape[1] * len(fit.lags)))
+    free = fit.samples - fit.a[0].size - fit.b[0].size
+    return gain / (gain + free) < LITTLE * test.share
 
 
 def _by_relay(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:

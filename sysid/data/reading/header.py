@@ -420,6 +420,8 @@ _BEHIND = re.compile(
 )
 """A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``, ``T / °C``, ``flap %``,
 ``Druck bar``."""
+_BRACKET = re.compile(r".*[\[(](?P<unit>[^\[\]()]*)[\])]")
+"""What ends in a bracket has its unit there: ``Leak valve[%]``."""
 _BARE = frozenset(u for u in UNITS if len(u) > 1 and u not in (*UNIT_WORDS, "rev", "drive"))
 """Units that are no word of a name (as ``left drive`` and ``motor A``), where no sign says so."""
 
@@ -438,6 +440,11 @@ def _name_and_unit(raw: str) -> tuple[str, str]:
     match = _BEHIND.fullmatch(raw)
     if match is None:
         return raw, ""
+    bracket = _BRACKET.fullmatch(raw) if match["bare"] else None
+    if bracket is not None and (
+        "[" in raw or (is_unit(bracket["unit"]) and len(bracket["unit"]) != 1)
+    ):
+        return raw[: bracket.start("unit") - 1].rstrip(" /_,"), bracket["unit"].strip()
     word, bare = match["word"], match["bare"]
     known = is_unit(word or "%") and (not bare or bare in _BARE or ("/" in bare and is_unit(bare)))
     unit = match["unit"] or word or match["sign"] or bare or ""

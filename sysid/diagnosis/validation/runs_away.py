@@ -1,4 +1,5 @@
-"""Whether an output runs away unless a controller holds it: a pole outside the unit circle."""
+"""Outputs that no free run of a model says anything of: those of a plant that runs away unless a
+controller holds it (a pole outside the unit circle), and those that alone move their input."""
 
 from collections.abc import Sequence
 
@@ -24,6 +25,32 @@ RUNS_AWAY = (
     "cannot stay bounded without its controller. No free run of a model follows it, and no effect "
     "is named on it. Diagnose the closed loop from its set point."
 )
+
+
+ANSWERS_ALONE = (
+    "moves its input through a controller, and nothing else does: what a model makes of them may "
+    "be the disturbance and the controller. No effect is named on it. Step the set point, or add a "
+    "test signal to the input, and record again."
+)
+
+
+def without_free_run(facts: LogFacts) -> tuple[str, ...]:
+    """Outputs on which no effect can be named: those that run away, or alone move their input."""
+    return tuple(dict.fromkeys((*running_away(facts), *answering_alone(facts))))
+
+
+def of_the_loop(facts: LogFacts) -> tuple[str, ...]:
+    """What is warned of outputs whose free run says nothing; empty where there is none."""
+    if alone := running_away(facts):
+        return (f"{' and '.join(alone)} {RUNS_AWAY}",)
+    answering = answering_alone(facts)
+    return (f"{' and '.join(answering)} {ANSWERS_ALONE}",) if answering else ()
+
+
+def answering_alone(facts: LogFacts) -> tuple[str, ...]:
+    """Outputs of a log whose only input nothing but a controller moves that reads them."""
+    own_rate = facts.at_own_rate
+    return tuple(t.output for t in own_rate.laws_alone if t.seen and own_rate.surely_closed_loop)
 
 
 def running_away(facts: LogFacts) -> tuple[str, ...]:
