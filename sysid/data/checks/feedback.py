@@ -221,7 +221,7 @@ def _exchanged(
     fit = long_regression(records, order, 0, order, far)
     gain, _ = wald(fit, 0, np.arange(fit.b.shape[1] * len(fit.lags)))
     free = fit.samples - fit.a[0].size - fit.b[0].size
-    return gain / (gain + free) < LITTLE * test.share
+    return bool(gain / (gain + free) < LITTLE * test.share)
 
 
 def _by_relay(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
