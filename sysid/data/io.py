@@ -225,9 +225,9 @@ def _read(
         *grid.findings,
     )
     records = []
-    still = tuple(n for n in choice.ignored if is_set_point(n) and n not in rows.references)
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
         record = _record(read, rows.t, grid.dt, channels, rows.references, segment)
+        still = _still(choice, rows.references)
         record = replace(record, name=name, sha256=digest, still_references=still)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
@@ -235,6 +235,11 @@ def _read(
     records = with_unused(table, choice, clock.t, [replace(r, read_as=said) for r in records])
     findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
+
+
+def _still(choice: Choice, moving: Mapping[str, Array]) -> tuple[str, ...]:
+    """The set points of a file that never move."""
+    return tuple(n for n in choice.ignored if is_set_point(n) and n not in moving)
 
 
 def chosen(

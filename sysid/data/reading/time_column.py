@@ -43,7 +43,7 @@ UNIT_WORDS: dict[str, float] = {
 
 _CLOCKS = word_set(
     "t time zeit timestamp stamp zeitstempel uhrzeit datum date datetime clock elapsed epoch "
-    "temps tiempo tempo tid rosbagtimestamp"
+    "temps tiempo tempo tid rosbagtimestamp utc gmt"
 )
 """Words that name a time by themselves."""
 _ALONE = word_set(
@@ -52,7 +52,7 @@ _ALONE = word_set(
 )
 """Units that are the name of a time column without another word."""
 _BESIDE = word_set(
-    "boot since start system sys local utc gps log abs rel unix relative absolute of day header "
+    "boot since start system sys local gps log abs rel unix relative absolute of day header "
     "field arduino esp und and mess test total run device host the in ros bag"
 )
 """Words that may stand beside those in the name of a time column."""

@@ -32,6 +32,7 @@ from sysid.errors import DataError, UsageError
         ("Time_s", 2, 2.0),
         ("t [min]", 1, 60.0),
         ("elapsed seconds", 0.5, 0.5),
+        ("utc_s", 1, 1.0),
         ("Zeit in ms", 10, 0.01),
         ("Zeit", 0.01, 0.01),
         ("time", 1, 1.0),
