@@ -41,7 +41,7 @@ from sysid.data.reading.timing import (
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import common_step, require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
-from sysid.data.usable_rows import usable_rows, with_times, with_unused
+from sysid.data.usable_rows import UsableRows, usable_rows, with_times, with_unused
 from sysid.errors import DataError, UsageError
 
 
@@ -227,8 +227,7 @@ def _read(
     records = []
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
         record = _record(read, rows.t, grid.dt, channels, rows.references, segment)
-        still = _still(choice, rows.references)
-        record = replace(record, name=name, sha256=digest, still_references=still)
+        record = replace(record, name=name, sha256=digest, still_references=_still(choice, rows))
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
     said = decisions(table, choice, clock.t, rows.counted, records, findings, pose_units)
@@ -237,9 +236,9 @@ def _read(
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
 
-def _still(choice: Choice, moving: Mapping[str, Array]) -> tuple[str, ...]:
+def _still(choice: Choice, rows: UsableRows) -> tuple[str, ...]:
     """The set points of a file that never move."""
-    return tuple(n for n in choice.ignored if is_set_point(n) and n not in moving)
+    return tuple(n for n in choice.ignored if is_set_point(n) and n not in rows.references)
 
 
 def chosen(
