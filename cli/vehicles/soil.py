@@ -128,12 +128,9 @@ def _list(json: bool) -> None:
 def _plus_minus(value: float, std: float | None) -> str:
     """A number and half of its 95 % interval, two digits; three of the number without one."""
     from sysid.estimation.assessment.delta_method import NORMAL
+    from sysid.report.step_words import with_error
 
-    if not std:
-        return render.number(value, 3)
-    std *= NORMAL
-    digits = max(0, 1 - math.floor(math.log10(std)))
-    return f"{value:.{digits}f} ± {std:.{digits}f}"
+    return with_error(value, NORMAL * std) if std else render.number(value, 3)
 
 
 def _facts(ground: "Soil") -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Iterable
+from itertools import chain, count
 
 _WORDS = """
 alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t
@@ -46,15 +47,14 @@ def identifier(text: str) -> str:
 
 
 def distinct(texts: Iterable[str]) -> list[str]:
-    """Names of C for several texts, no two alike: later ones get ``_2``, ``_3`` …"""
-    names: list[str] = []
-    taken: set[str] = set()
-    for text in texts:
-        first = name = identifier(text)
-        k = 1
-        while name in taken:
-            k += 1
-            name = f"{first}_{k}"
-        taken.add(name)
-        names.append(name)
-    return names
+    """Names of C for several texts, no two alike."""
+    return apart(map(identifier, texts))
+
+
+def apart(names: Iterable[str]) -> list[str]:
+    """The names, no two alike: later ones get ``_2``, ``_3`` …"""
+    found: dict[str, None] = {}
+    for name in names:
+        numbered = chain([name], (f"{name}_{k}" for k in count(2)))
+        found[next(n for n in numbered if n not in found)] = None
+    return [*found]

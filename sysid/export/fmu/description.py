@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from xml.sax.saxutils import quoteattr
 
+from sysid.export.c.names import apart
 from sysid.export.templates import fill, plain
 from sysid.version import __version__
 
@@ -95,16 +96,9 @@ class Unit:
 
 def named_apart(variables: Iterable[Variable]) -> tuple[Variable, ...]:
     """The variables with names that differ: the second ``speed`` is ``speed_2``."""
-    taken: set[str] = set()
-    renamed = []
-    for variable in variables:
-        base = plain(variable.name) or "value"
-        name, k = base, 2
-        while name in taken:
-            name, k = f"{base}_{k}", k + 1
-        taken.add(name)
-        renamed.append(replace(variable, name=name))
-    return tuple(renamed)
+    every = tuple(variables)
+    names = apart(plain(v.name) or "value" for v in every)
+    return tuple(replace(v, name=n) for v, n in zip(every, names, strict=True))
 
 
 def model_description(unit: Unit, version: str) -> str:
