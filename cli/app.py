@@ -25,7 +25,6 @@ from . import (
     plot,
     reduce,
     report,
-    resample,
     sensitivity,
     show,
     structures,
@@ -36,12 +35,17 @@ from .exporting import export, verify
 from .field_options import Line, every_command
 from .missions import localize, plan, simulate, tune
 from .testbench import motor, pendulum, power
-from .testbench.group import bench
 from .vehicles import fit_vehicle, soil, vehicle
 
 _HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
+bench = typer.Typer(
+    cls=Group,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Characterise motor, inertia and power supply.",
+)
 app = typer.Typer(
     cls=Group,
     pretty_exceptions_enable=False,
@@ -65,7 +69,7 @@ _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
         report.report,
         diagnose.diagnose,
         reduce.reduce,
-        resample.resample,
+        reduce.resample,
         models.models,
         structures.structures,
     ),

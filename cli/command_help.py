@@ -16,9 +16,6 @@ from .field_options import ask, with_options, without_signals
 WIDEST_NAME = 26
 """Columns up to which the help of an option begins on its own line."""
 
-GROUPS = ("Data", "Models", "Deploy", "Missions", "Vehicle and bench")
-"""Groups of the commands, in the order of their use; every command belongs to one."""
-
 
 class Command(TyperCommand):
     """A command whose errors name its own options, and which asks what a log leaves open."""
@@ -75,15 +72,14 @@ class Group(TyperGroup):
         """The usage, the commands by their groups, the options."""
         self.format_usage(ctx, formatter)
         _paragraphs(formatter, self.help or "")
-        panels: dict[str, list[tuple[str, str]]] = {name: [] for name in GROUPS}
+        panels: dict[str, list[tuple[str, str]]] = {}
         width = max(map(len, self.commands))
         for name, command in self.commands.items():
             panel = getattr(command, "rich_help_panel", None) or ""
             text = command.get_short_help_str(formatter.width - width - 6).rstrip(".")
             panels.setdefault(panel, []).append((name.ljust(width), text))
         for panel, records in panels.items():
-            if records:
-                _records(formatter, panel, records)
+            _records(formatter, panel, records)
         options = [p for p in self.params if p.name != "show_completion"]
         if options:
             records = [(_name(p), _meaning(p, everything=True)) for p in options]

@@ -41,7 +41,7 @@ def forecast(
     from sysid.data.files import write_atomic
     from sysid.data.preparation import Preparation, read_prepared
     from sysid.estimation.assessment.forecast import forecast as forecast_of
-    from sysid.report.forecast_panels import forecast_panels
+    from sysid.report.data_panels import forecast_panels
     from sysid.report.panels import PanelPicture
     from sysid.report.plots import write_picture
 

@@ -50,9 +50,9 @@ def sensitivity(
     mended = mendings(subject, found.doubtful, errors)
     ends = _profiles(subject, records, found)
     if plot is not None:
+        from sysid.report.data_panels import sensitivity_panels
         from sysid.report.panels import PanelPicture
         from sysid.report.plots import write_picture
-        from sysid.report.sensitivity_panels import sensitivity_panels
 
         panels = sensitivity_panels(found, records[0])
         title = "When the log shows which parameter"

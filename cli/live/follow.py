@@ -36,14 +36,12 @@ class Followed:
         found: the model, judged on the rows it stands on.
         log: those rows as a file.
         records: the same as read again.
-        ending: why following ended.
     """
 
     found: "Identification"
     state: "LiveState"
     log: Path
     records: "tuple[Record, ...]"
-    ending: str
 
 
 def follow(
@@ -194,7 +192,7 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
     }
     options = replace(request.options, extra=extra)
     identified = identification(live, records, options, request.policy)
-    return Followed(replace(identified, reason=ending), state, log, records, ending)
+    return Followed(replace(identified, reason=ending), state, log, records)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from ..options import changed, option
 
 if TYPE_CHECKING:
     from sysid.plant.package import Package
-    from sysid.report.missions.shown import ShownRuns
+    from sysid.report.missions.panels import ShownRuns
     from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.contracts import SteppablePlant
     from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
@@ -149,7 +149,7 @@ def drive_many(
     path: Path, mission: "Mission", models: "Sequence[Model]", table: Path, how: Repeats
 ) -> "tuple[dict[str, Any], ShownRuns]":
     """Drive the mission many times; a row a run is written to ``table``; what a picture shows."""
-    from sysid.report.missions.shown import shown_runs
+    from sysid.report.missions.panels import shown_runs
     from sysid.robot.mission.monte_carlo.mission_runs import write_runs
 
     setup, batch = batch_of(path, mission, models, how)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sysid.plant.package import Package
-    from sysid.report.missions.shown import ShownRuns
+    from sysid.report.missions.panels import ShownRuns
     from sysid.robot.mission.result import MissionResult
     from sysid.robot.mission.spec import Mission
 
@@ -30,7 +30,7 @@ def report_mission(path: Path, place: Workspace, package: "Package") -> str:
     single = ride(mission, package, models, Repeats())
     result = simulate(mission, single.robot, single.noise_seed, single.known)
     setup, batch = batch_of(path, mission, models, how)
-    from sysid.report.missions.shown import shown_runs
+    from sysid.report.missions.panels import shown_runs
 
     runs = shown_runs(setup, batch)
     warnings = [*package.notes, *single.warnings, *batch.notes]

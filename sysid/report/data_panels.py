@@ -11,7 +11,9 @@ from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import Start, figures, outputs, residual_tests
+from sysid.estimation.assessment.forecast import Forecast
 from sysid.estimation.assessment.spectra import Spectra, spectra
+from sysid.estimation.information.sensitivity import MOST, Sensitivity
 from sysid.plant.replay import Replay
 from sysid.report.panels import RAD, Curve, Panel, PanelPicture, Panels, Shown
 from sysid.report.plots import write_picture
@@ -294,3 +296,45 @@ def ranking(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
                   log_x=True),
         )  # fmt: skip
     return panels
+
+
+SHOWN_BEFORE = 1.0
+"""Of the log so much is shown before a forecast, in lengths of that, and at least 50 samples."""
+
+
+def forecast_panels(f: Forecast) -> Panels:
+    """One panel an output."""
+    r = f.record
+    head = slice(max(f.first - max(int(SHOWN_BEFORE * len(f.t)), 50), 0), f.first)
+    panels = []
+    for i, channel in enumerate(r.outputs):
+        t = np.concatenate([r.t[head], f.t])
+        y = np.concatenate([r.y[head, i], f.measured[:, i]])
+        seen = np.isfinite(y)
+        curves = (
+            Curve("measured", t[seen], y[seen], colour=-1),
+            Curve("forecast", f.t, f.y[:, i], f.low[:, i], f.high[:, i]),
+        )
+        axis = labelled(channel.name, channel.unit)
+        note = f"Nothing after {r.t[f.first - 1]:.6g} s was used; band: 95 %."
+        panels.append(
+            Panel(f"forecast-{channel.name}", channel.name, "time [s]", axis, curves, note=note)
+        )
+    return tuple(panels)
+
+
+def sensitivity_panels(found: Sensitivity, record: Record) -> Panels:
+    """The inputs over time, and when each parameter shows."""
+    inputs = tuple(
+        Curve(c.name, record.t, u, kind="steps", colour=k)
+        for k, (c, u) in enumerate(zip(record.inputs, record.u.T, strict=True))
+    )
+    shown = [(p, p.when) for p in found.parameters if p.when is not None]
+    names = tuple(f"{p.name} ± {196 * p.relative:.2g} %" if p.value else p.name for p, _ in shown)
+    low, high = np.array([when for _, when in shown]).reshape(-1, 2).T
+    within = Curve("", np.arange(float(len(shown))), 0.5 * (low + high), low, high, kind="dots")
+    return (
+        Panel("inputs", "Inputs", "time [s]", "", inputs),
+        Panel("information", f"Time with {100 * MOST:.0f} % of its information", "time [s]", "",
+              (within,), names=names, large=True),
+    )  # fmt: skip

@@ -1,6 +1,7 @@
 """The page of a diagnosis: where the model errs, what is missing, what was added, what is left."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.report import diagnosis_panels as panels
 from sysid.report import diagnosis_words as words
 from sysid.report import style, trace_panels
-from sysid.report.diagnosis_path import path_lines, path_table
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Panels
 
@@ -246,15 +246,43 @@ def _mission(diagnosis: Diagnosis) -> Section:
     path = diagnosis.path
     return Section(
         f"On the mission {path.get('mission', '')}".rstrip(),
-        tuple(p for line in path_lines(path) for p in panels.path(*line)),
+        panels.paths(path),
         (*filter(None, (path.get("sentence"),)), *(path.get("warnings") or ())),
         ("", "measured", "before", "after"),
         tuple(
             (what, *(v if isinstance(v, str) else _number(v) for v in values))
-            for what, *values in path_table(path)
+            for what, *values in _path_table(path)
         ),
         within=True,
     )
+
+
+def _path_table(path: Mapping[str, Any]) -> tuple[tuple[str, Any, Any, Any], ...]:
+    """(what, measured, before, after) of a mission: driven again, and replayed."""
+    rows: list[tuple[str, Any, Any, Any]] = []
+    runs = path.get("closed_loop") or {}
+    for key, label in _DRIVEN.items():
+        measured, old, new = (
+            (runs.get(name) or {}).get(key) for name in ("measured", "before", "after")
+        )
+        if (measured, old, new) != (None, None, None):
+            rows.append((f"closed loop: {label}", measured, old, new))
+    for log in path.get("open_loop") or ():
+        for key, label in _REPLAYED.items():
+            if f"{key}_before_m" in log:
+                old, new = log[f"{key}_before_m"], log[f"{key}_after_m"]
+                rows.append((f"{log['record']} replayed: {label}", None, old, new))
+    return tuple(rows)
+
+
+_DRIVEN = {
+    "outcome": "outcome",
+    "time_s": "time [s]",
+    "path_length_m": "path length [m]",
+    "min_clearance_m": "clearance [m]",
+    "path_error_rms_m": "path error, RMS [m]",
+}
+_REPLAYED = {"rms": "path error, RMS [m]", "end": "path error at the end [m]"}
 
 
 def _regimes(diagnosis: Diagnosis, i: int) -> tuple[Panels, str]:

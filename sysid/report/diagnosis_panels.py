@@ -1,10 +1,10 @@
 """The panels of a diagnosis: where the model errs, what was tried, and what it came to."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from sysid.data.record import Array
 from sysid.diagnosis.diagnosis import Diagnosis, Experiment
 from sysid.diagnosis.isolability import Isolability
 from sysid.diagnosis.shapes.grading import FoundShape
@@ -78,14 +78,20 @@ def gap(lines: Sequence[words.ChannelLine]) -> Panels:
                   names=tuple(c.name for c in lines)),)  # fmt: skip
 
 
-def path(record: str, lines: Sequence[tuple[str, Array]]) -> Panels:
-    """Paths over the plane: measured, before and after."""
-    known = {"measured": GREY, "before": BEFORE, "after": AFTER}
-    curves = tuple(
-        Curve(name, xy[:, 0], xy[:, 1], colour=known.get(name, k + 2))
-        for k, (name, xy) in enumerate(lines)
-    )
-    return (Panel("path", f"Path of {record}", "x [m]", "y [m]", curves, equal=True),)
+def paths(path: Mapping[str, Any]) -> Panels:
+    """The replayed paths under ``traces`` over the plane: measured, before and after."""
+    panels = []
+    for trace in path.get("traces") or ():
+        curves = tuple(
+            Curve(name, way[:, 0], way[:, 1], colour=colour)
+            for name, colour in (("measured", GREY), ("before", BEFORE), ("after", AFTER))
+            for way in (np.array(trace.get(name) or (), dtype=np.float64),)
+            if len(way) > 1
+        )
+        if curves:
+            title = f"Path of {trace.get('record', '')}"
+            panels.append(Panel("path", title, "x [m]", "y [m]", curves, equal=True))
+    return tuple(panels)
 
 
 def shape(found: FoundShape) -> Panels:

@@ -14,7 +14,7 @@ from sysid.estimation.information.sensitivity import Sensitivity, hidden, sensit
 from sysid.estimation.information.subject import Subject, subject_of_box, subject_of_model
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
-from sysid.report.sensitivity_panels import sensitivity_panels
+from sysid.report.data_panels import sensitivity_panels
 from sysid.structures.grey_box.file.physics import FilePhysics
 from sysid.structures.grey_box.file.structure import FromFile
 from sysid.structures.grey_box.physics import Sampling

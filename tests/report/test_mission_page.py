@@ -12,7 +12,7 @@ from test_model_page import Tags
 
 from sysid.report.missions.outlines import tube
 from sysid.report.missions.page import mission_page, verdict
-from sysid.report.missions.shown import ShownRuns, shown_runs
+from sysid.report.missions.panels import ShownRuns, shown_runs
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
 from sysid.robot.mission.result import MissionResult

@@ -76,6 +76,7 @@ def texts(panel: Panel) -> list[tuple[float, float, float, float]]:
 
 LONG = "w_measured_by_the_encoder_of_the_left_drive_wheel_WWWWWWWWWWWWWWWW"
 T = np.arange(200.0)
+WAY = np.column_stack([T, T, T]).tolist()
 RECORD = Record(
     T[:, None], T[:, None], 1.0, [Channel(LONG, "µs")], [Channel(LONG, "rad/s")],
     name="log of a long day.csv",
@@ -90,7 +91,7 @@ ODD: dict[str, Panels] = {
     "regimes": regimes(REGIMES, "rad/s", 0.1, changed=True),
     "worst": stretch(TRACE, 0, slice(0, 200), changed=True),
     "gap": panels.gap([ChannelLine(LONG, "rad/s", 1.2345e6, 0.02, 0.01, 10.0, 90.0, 99.9)]),
-    "path": panels.path(LONG, [(n, np.column_stack([T, T])) for n in ("measured", "after", LONG)]),
+    "path": panels.paths({"traces": [{"record": LONG, "measured": WAY, "after": WAY}]}),
 }
 
 

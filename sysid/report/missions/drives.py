@@ -8,6 +8,7 @@ import numpy as np
 from sysid.report.missions.outlines import tube
 from sysid.report.missions.page import headline
 from sysid.report.missions.panels import (
+    ShownRuns,
     distribution_panels,
     ellipses,
     share_panels,
@@ -17,7 +18,6 @@ from sysid.report.missions.panels import (
     way_panels,
 )
 from sysid.report.missions.plan_drawing import PlanPicture
-from sysid.report.missions.shown import ShownRuns
 from sysid.report.panels import Curve, Panel, PanelPicture, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.localize import Localization

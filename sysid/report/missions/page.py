@@ -9,12 +9,12 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.plant.replay import outside_range
 from sysid.report.missions.panels import (
     TRACKS,
+    ShownRuns,
     distribution_panels,
     share_panels,
     signal_panels,
     way_panels,
 )
-from sysid.report.missions.shown import ShownRuns
 from sysid.report.page import Check, Page, Section
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.spec import Mission

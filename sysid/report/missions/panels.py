@@ -1,13 +1,13 @@
 """What is shown of missions: the plane, signals over time, the estimate, distributions of runs."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.report.missions.outlines import circle, ellipse, tube
-from sysid.report.missions.shown import ShownRuns
 from sysid.report.movement import Mover, mover
 from sysid.report.panels import Curve, Kind, Panel, Panels
 from sysid.robot.mission.clearance import has_surfaces, point_clearance
@@ -16,6 +16,7 @@ from sysid.robot.mission.spec import Mission
 from sysid.structures.plant import Plant
 
 if TYPE_CHECKING:  # one drive waits for no pool of many
+    from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
 
 TRACKS = ("pwm_l", "pwm_r")
@@ -27,6 +28,32 @@ BARS = 40
 
 ESTIMATES = 10
 """Instants at which the ellipse of an estimate is drawn."""
+
+
+SHOWN = 100
+"""Paths in a picture: enough for a fan."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownRuns:
+    """Many runs of a mission, and the ways of some.
+
+    Attributes:
+        paths, worst: X, Y of the first runs and of the worst ones, (n, 2) each [m].
+    """
+
+    batch: "MissionRuns"
+    paths: Sequence[Array]
+    worst: Sequence[Array]
+
+
+def shown_runs(setup: "Setup", batch: "MissionRuns") -> ShownRuns:
+    """The first runs and the worst ones, which are driven again for their paths."""
+    from sysid.robot.mission.monte_carlo.runs import paths_of
+
+    usual = batch.seeds[:SHOWN]
+    paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
+    return ShownRuns(batch, paths[: len(usual)], paths[len(usual) :])
 
 
 def way_panels(mission: Mission, result: MissionResult, runs: ShownRuns | None) -> Panels:
