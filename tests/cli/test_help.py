@@ -11,13 +11,15 @@ import pytest
 import typer
 from cli_answers import ask
 from sysid_cli.app import app
-from sysid_cli.command_help import GROUPS
 from sysid_cli.field_options import every_command
 
 ROOT: Any = typer.main.get_command(app)
 EVERY = every_command(ROOT)
 SCREEN = 24
 """Lines of a terminal as it opens."""
+
+GROUPS = ("Data", "Models", "Deploy", "Missions", "Vehicle and bench")
+"""Groups of the commands, in the order of their use; every command belongs to one."""
 
 
 @pytest.fixture(autouse=True)

@@ -14,7 +14,7 @@ are of the sandwich form where the residuals are coloured, that of C(1)/B(1) by 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +79,9 @@ class DeadZone:
     value: float
     std_error: float
     seen: bool
-    theta: Array
-    covariance: Array
-    edge: float
+    theta: Array = field(metadata={"exclude": True})
+    covariance: Array = field(metadata={"exclude": True})
+    edge: float = field(metadata={"exclude": True})
 
 
 @dataclass(frozen=True, eq=False)

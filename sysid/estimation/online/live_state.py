@@ -19,16 +19,6 @@ SETTLED = 0.05
 
 
 @dataclass(frozen=True)
-class Zone:
-    """A dead zone as it is shown: see ``dead_zone.DeadZone``."""
-
-    law: str
-    value: float
-    std_error: float
-    seen: bool
-
-
-@dataclass(frozen=True)
 class LivePair:
     """What an input does to an output.
 
@@ -46,7 +36,7 @@ class LivePair:
     time_constant: Estimate
     unit: str
     dead_time: float
-    dead_zone: Zone | None
+    dead_zone: DeadZone | None
     settled: bool
 
 
@@ -145,8 +135,7 @@ def pair_of(r: StepResponse, zone: DeadZone | None) -> LivePair:
     """A pair as it is shown, with the dead zone of its input where that drives the output."""
     time = time_constant(r)
     known = [abs(e.std_error) <= SETTLED * abs(e.value) for e in (r.gain, time)]
-    shown = None if zone is None else Zone(zone.law, zone.value, zone.std_error, zone.seen)
-    return LivePair(r.input, r.output, r.gain, time, r.unit, r.dead_time, shown, bool(all(known)))
+    return LivePair(r.input, r.output, r.gain, time, r.unit, r.dead_time, zone, bool(all(known)))
 
 
 def followed_by(change: LiveChange, now: Sequence[StepResponse]) -> LiveChange:
