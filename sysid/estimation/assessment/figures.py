@@ -10,6 +10,7 @@ import numpy as np
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
+from sysid.data.documents import by_field
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError, argument
 from sysid.estimation.offsets.states import (
@@ -65,16 +66,8 @@ class Figures:
         return float(np.mean(values)) if values else float("nan")
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-able values; non-finite numbers as null."""
-        return {
-            "data": self.data,
-            "horizon": "free-run" if self.horizon is None else self.horizon,
-            "initial_state": self.initial_state,
-            "samples": self.samples,
-            "left_out": self.left_out,
-            "fit_percent": self.fit_percent,
-            "rmse": self.rmse,
-        }
+        """Its fields; a horizon of None is ``free-run``."""
+        return by_field(self) | {"horizon": "free-run" if self.horizon is None else self.horizon}
 
 
 def outputs(
