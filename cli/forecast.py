@@ -42,8 +42,7 @@ def forecast(
     from sysid.data.preparation import Preparation, read_prepared
     from sysid.estimation.assessment.forecast import forecast as forecast_of
     from sysid.report.data_panels import forecast_panels
-    from sysid.report.panels import PanelPicture
-    from sysid.report.plots import write_picture
+    from sysid.report.panels import draw_panels
 
     store = Workspace(workspace)
     stored = store.chosen(model)
@@ -55,9 +54,7 @@ def forecast(
     found = forecast_of(stored.model, record, steps, at)
     path = output or store.root / "forecast.svg"
     head = f"{stored.id}: {steps} samples after {record.t[found.first - 1]:.6g} s"
-    write_picture(
-        path, PanelPicture(head, f"data: {record.name}; bands: 95 %", forecast_panels(found))
-    )
+    draw_panels(path, head, f"data: {record.name}; bands: 95 %", forecast_panels(found))
     if save is not None:
         write_atomic(save, found.table())
     if json:

@@ -79,14 +79,13 @@ def _isolability(records: "tuple[Record, ...]", plot: Path | None) -> "Isolabili
 
         from sysid.errors import ModelError
         from sysid.report.diagnosis_panels import isolability as panels_of
-        from sysid.report.panels import PanelPicture
-        from sysid.report.plots import write_picture
+        from sysid.report.panels import draw_panels
 
         panels = tuple(replace(p, large=True) for p in panels_of(found))  # many rows
         if not panels:
             raise ModelError("fewer than two effects would show: there is nothing to draw")
         names = ", ".join(dict.fromkeys(r.name for r in records))
-        write_picture(plot, PanelPicture("What the log can distinguish", names, panels))
+        draw_panels(plot, "What the log can distinguish", names, panels)
     return found
 
 

@@ -47,8 +47,7 @@ def look(
     from sysid.errors import UsageError
     from sysid.estimation.look.summary import look as looked
     from sysid.report.look_panels import look_panels
-    from sysid.report.panels import PanelPicture, table
-    from sysid.report.plots import write_picture
+    from sysid.report.panels import draw_panels, table
 
     if responses := [p for p in logs if p.name.lower().endswith(ENDING)]:
         raise UsageError(
@@ -59,7 +58,7 @@ def look(
     panels = look_panels(found) if output or save else ()
     names = ", ".join(dict.fromkeys(r.name for r in records))
     if output is not None:
-        write_picture(output, PanelPicture(f"look: {names}", "bands: 95 %", panels))
+        draw_panels(output, f"look: {names}", "bands: 95 %", panels)
     if save is not None and save.name.endswith(ENDING):
         found.frequency.as_data(records[0]).write(save)
     elif save is not None:

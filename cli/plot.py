@@ -36,8 +36,7 @@ def plot(
     """Draw responses, poles, residuals of models, with 95 % bands."""
     from sysid.data.files import write_atomic
     from sysid.report.model_panels import NEEDS_LOG, OF_LOG, panels_of
-    from sysid.report.panels import PanelPicture, Shown, table
-    from sysid.report.plots import write_picture
+    from sysid.report.panels import Shown, draw_panels, table
 
     store = Workspace(workspace)
     logs = [Path(w) for w in which or [] if Path(w).is_file()]
@@ -58,7 +57,7 @@ def plot(
     data = ", ".join(dict.fromkeys(r.name for r in records))
     called = ", ".join(m.id for m in models) if len(models) < 4 else f"{len(models)} models"
     title = f"{what}: {called or data}"
-    write_picture(path, PanelPicture(title, data and f"data: {data}; bands: 95 %", panels))
+    draw_panels(path, title, data and f"data: {data}; bands: 95 %", panels)
     if save is not None:
         write_atomic(save, table(panels))
     if json:

@@ -51,12 +51,11 @@ def sensitivity(
     ends = _profiles(subject, records, found)
     if plot is not None:
         from sysid.report.data_panels import sensitivity_panels
-        from sysid.report.panels import PanelPicture
-        from sysid.report.plots import write_picture
+        from sysid.report.panels import draw_panels
 
         panels = sensitivity_panels(found, records[0])
         title = "When the log shows which parameter"
-        write_picture(plot, PanelPicture(title, records[0].name, panels, 1))
+        draw_panels(plot, title, records[0].name, panels, 1)
     if json:
         more = {"experiments": [vars(m) for m in mended], "profiles": ends, "picture": plot}
         render.document({**found.to_json(), **more})

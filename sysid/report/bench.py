@@ -8,8 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.estimation.assessment.delta_method import NORMAL
-from sysid.report.panels import Curve, Panel, PanelPicture, panel
-from sysid.report.plots import write_picture
+from sysid.report.panels import Curve, Panel, PanelPicture, draw_panels, panel
 from sysid.testbench.motor.characterise import MotorBench
 from sysid.testbench.motor.drive import DriveLog, motion
 from sysid.testbench.motor.equations import (
@@ -211,15 +210,13 @@ def draw_swing(path: Path, study: PendulumStudy) -> None:
     reach = law * NORMAL * study.small_std_error / study.small_period
     lines.append(Curve("pendulum with T₀", shown, law, law - reach, law + reach))
     panels.append(panel("each period", "amplitude [°]", "period [s]", lines))
-    write_picture(
+    draw_panels(
         path,
-        PanelPicture(
-            f"Inertia {study.corrected:.4f} ± {NORMAL * study.corrected_std_error:.2g} kg m²",
-            f"± and band 95 %; T₀ = {study.small_period:.5f} ± "
-            f"{NORMAL * study.small_std_error:.2g} s, mean period "
-            f"{study.period:.5f} s at {degrees * study.amplitude:.3g}°",
-            tuple(panels),
-        ),
+        f"Inertia {study.corrected:.4f} ± {NORMAL * study.corrected_std_error:.2g} kg m²",
+        f"± and band 95 %; T₀ = {study.small_period:.5f} ± "
+        f"{NORMAL * study.small_std_error:.2g} s, mean period "
+        f"{study.period:.5f} s at {degrees * study.amplitude:.3g}°",
+        tuple(panels),
     )
 
 
@@ -249,4 +246,4 @@ def draw_power(path: Path, bench: PowerBench) -> None:
         up = f"{bridge.quantity} [{bridge.unit}]"
         panels.append(Panel("bridge", title, "drive", up, tuple(lines)))
     measured = ", ".join(f"{k} {m.value:.3g}" for k, m in bench.supply().items())
-    write_picture(path, PanelPicture("Power supply, bands 95 %", measured, tuple(panels)))
+    draw_panels(path, "Power supply, bands 95 %", measured, tuple(panels))

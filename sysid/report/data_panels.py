@@ -15,8 +15,7 @@ from sysid.estimation.assessment.forecast import Forecast
 from sysid.estimation.assessment.spectra import Spectra, spectra
 from sysid.estimation.information.sensitivity import MOST, Sensitivity
 from sysid.plant.replay import Replay
-from sysid.report.panels import RAD, Curve, Panel, PanelPicture, Panels, Shown
-from sysid.report.plots import write_picture
+from sysid.report.panels import RAD, Curve, Panel, Panels, Shown, draw_panels
 from sysid.report.style import labelled
 from sysid.structures.model import Model
 
@@ -171,7 +170,7 @@ def draw_replay(path: Path, result: Replay) -> None:
     record = result.record
     panels = run_panels(record, {"plant": result.simulated})
     title = f"The exported plant on {record.name}"
-    write_picture(path, PanelPicture(title, "free run from rest", panels))
+    draw_panels(path, title, "free run from rest", panels)
 
 
 def worst_windows(error: Array, size: int = ZOOM, most: int = ZOOMS) -> list[int]:

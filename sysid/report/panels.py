@@ -7,6 +7,7 @@ as CSV.
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from sysid.data.record import Array
 from sysid.report import style
 from sysid.report.envelope import envelope
 from sysid.report.movement import Mover
+from sysid.report.plots import write_picture
 from sysid.structures.model import Model
 
 if TYPE_CHECKING:
@@ -130,6 +132,11 @@ class PanelPicture:
             for j, panel in enumerate(row):
                 place = grid[k, :] if panel.large else grid[k, j]
                 draw_panel(figure.add_subplot(place), panel)
+
+
+def draw_panels(path: Path, title: str, subtitle: str, panels: "Panels", columns: int = 2) -> None:
+    """Draw panels into a file."""
+    write_picture(path, PanelPicture(title, subtitle, panels, columns))
 
 
 @dataclass(frozen=True, eq=False)

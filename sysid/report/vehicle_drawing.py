@@ -9,8 +9,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report.missions.panels import GREY, through
-from sysid.report.panels import Curve, Panel, PanelPicture
-from sysid.report.plots import write_picture
+from sysid.report.panels import Curve, Panel, draw_panels
 from sysid.vehicle.wheels.vehicle import AXES, Vehicle, wheel_width
 from sysid.vehicle.wheels.wheel import Wheel, velocity_at
 
@@ -65,7 +64,7 @@ def draw_vehicle(path: Path, vehicle: Vehicle, facts: Mapping[str, Any]) -> None
     )
     axes = ("x, forward [m]", "y, to the left [m]")
     panel = Panel("vehicle", "From above", *axes, tuple(curves), equal=True, large=True)
-    write_picture(path, PanelPicture(vehicle.name, words, (panel,)))
+    draw_panels(path, vehicle.name, words, (panel,))
 
 
 def _box(x: float, y: float, along: Array, length: float, width: float) -> Array:

@@ -8,8 +8,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.estimation.assessment.delta_method import NORMAL
-from sysid.report.panels import Curve, Panel, PanelPicture, panel
-from sysid.report.plots import write_picture
+from sysid.report.panels import Curve, Panel, draw_panels, panel
 from sysid.robot.calibration.slip_model import Kinematic, Motion
 from sysid.robot.calibration.trajectory import Part, Trajectory
 from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -55,7 +54,7 @@ def draw_vehicle_fit(path: Path, name: str, fitted: VehicleFit) -> None:
         f"{fitted.before.path:.3g} → {fitted.after.path:.3g} m, "
         f"{fitted.before.heading:.3g} → {fitted.after.heading:.3g} rad"
     )
-    write_picture(path, PanelPicture(title, subtitle, panels))
+    draw_panels(path, title, subtitle, panels)
 
 
 def _pieces(part: Part) -> list[tuple[int, int]]:
@@ -120,13 +119,11 @@ def draw_soil(path: Path, name: str, assessment: SoilAssessment) -> None:
     """Draw what a soil does to a vehicle."""
     traction = assessment.traction
     even = () if traction.spread().distribution == "uniform" else (_pressure(traction),)
-    write_picture(
+    draw_panels(
         path,
-        PanelPicture(
-            f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
-            "bands: 95 %" if traction.soil.std else "",
-            (_shear(traction), *even, _pull(assessment), _turning(assessment)),
-        ),
+        f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
+        "bands: 95 %" if traction.soil.std else "",
+        (_shear(traction), *even, _pull(assessment), _turning(assessment)),
     )
 
 

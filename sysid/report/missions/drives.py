@@ -18,7 +18,7 @@ from sysid.report.missions.panels import (
     way_panels,
 )
 from sysid.report.missions.plan_drawing import PlanPicture
-from sysid.report.panels import Curve, Panel, PanelPicture, panel
+from sysid.report.panels import Curve, Panel, draw_panels, panel
 from sysid.report.plots import write_picture
 from sysid.robot.mission.localize import Localization
 from sysid.robot.mission.measured.fan import UNITS, Comparison
@@ -33,7 +33,7 @@ MEASURED, WHOLE_WAY = -1, 4
 def draw_mission(path: Path, name: str, mission: Mission, result: MissionResult) -> None:
     """Draw the path among the obstacles with its references and commands."""
     panels = (*way_panels(mission, result, None), *signal_panels(result, None))
-    write_picture(path, PanelPicture(headline(name, result), result.sentence, panels))
+    draw_panels(path, headline(name, result), result.sentence, panels)
 
 
 def draw_runs(
@@ -42,7 +42,7 @@ def draw_runs(
     """Draw the tube of the runs and the worst ones, the distributions, and what matters."""
     way, batch = way_panels(mission, result, runs)[0], runs.batch
     panels = (way, *distribution_panels(batch), *share_panels(batch))
-    write_picture(path, PanelPicture(f"{name}: {batch.n} runs", batch.sentence, panels))
+    draw_panels(path, f"{name}: {batch.n} runs", batch.sentence, panels)
 
 
 def draw_measured(path: Path, name: str, mission: Mission, comparison: Comparison) -> None:
@@ -83,7 +83,7 @@ def draw_measured(path: Path, name: str, mission: Mission, comparison: Compariso
         else f"leaves at {comparison.leaves_at_s:.1f} s"
     )
     facts = f"{fan.runs} runs of {name}; measured: {comparison.name}"
-    write_picture(path, PanelPicture(f"{comparison.name} {head}", facts, tuple(panels)))
+    draw_panels(path, f"{comparison.name} {head}", facts, tuple(panels))
 
 
 def draw_localization(path: Path, name: str, localization: Localization) -> None:
@@ -107,7 +107,7 @@ def draw_localization(path: Path, name: str, localization: Localization) -> None
             title = f"Error of the {word}"
             panels.append(Panel(word, title, "time [s]", f"[{unit}]", tuple(curves)))
     used = ", ".join(localization.used)
-    write_picture(path, PanelPicture(f"{name}: estimated path", used, tuple(panels)))
+    draw_panels(path, f"{name}: estimated path", used, tuple(panels))
 
 
 def draw_plan(path: Path, name: str, mission: Mission, route: Plan) -> None:

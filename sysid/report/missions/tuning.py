@@ -7,8 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report.missions.panels import GREY, through
-from sysid.report.panels import Curve, Panel, PanelPicture, panel
-from sysid.report.plots import write_picture
+from sysid.report.panels import Curve, Panel, draw_panels, panel
 from sysid.robot.mission.contracts import Controller
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
@@ -56,7 +55,7 @@ def draw_tuning(path: Path, name: str, given: Mission, tuning: Tuning, model: Mo
     title = f"{name}: {len(tuning.front)} sets of gains to choose from"
     words = f"proposed: {gains}; {tuning.trials} tried{plants}"
     panels += _answers(given, tuning, model)
-    write_picture(path, PanelPicture(title, words, tuple(panels)))
+    draw_panels(path, title, words, tuple(panels))
 
 
 def _axis(criteria: Criteria, what: str) -> float:
