@@ -67,7 +67,9 @@ def show_model(stored: "StoredModel") -> None:
         render.say(f"Criteria: {shown}.")
     poles = model.structure.properties(model.theta, model.dt).get("poles", [])
     if poles:
-        render.say(f"Poles at {', '.join(_pole(p) for p in poles)}.")
+        turning = (f" {p['im']:+.4g}i" if p["im"] else "" for p in poles)
+        places = (render.number(p["re"], 4) + i for p, i in zip(poles, turning, strict=True))
+        render.say(f"Poles at {', '.join(places)}.")
     render.parameters(model)
     warnings: Sequence[str] = report.get("warnings") or model.warnings
     if model.termination.value not in warnings:
@@ -117,8 +119,3 @@ def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     if kept is None:
         return step_sentences(step_responses(stored.model))
     return step_sentences(checked(tuple[StepResponse, ...], kept))
-
-
-def _pole(pole: dict[str, float]) -> str:
-    place = render.number(pole["re"], 4)
-    return place if not pole["im"] else f"{place} {pole['im']:+.4g}i"

@@ -132,7 +132,12 @@ class ChangeWatch:
 
     def _yardstick(self, w: int) -> tuple[float, int]:
         """κ and over how many windows; never below 1, that of white noise."""
-        self._settle()
+        # of windows that no window asked now, or of twice their length, holds
+        for length, recent in self._recent.items():
+            total, count = self._calm[length]
+            while recent and recent[0][0] <= self._blocks - 2 * length:
+                total, count = total + recent.popleft()[1], count + 1
+            self._calm[length] = (total, count)
         worst, windows = 1.0, 0
         while w in self._calm and windows < YARDSTICKS:
             total, count = self._calm[w]
@@ -140,14 +145,6 @@ class ChangeWatch:
             worst = max(worst, total / count if count else 1.0)
             w //= 2
         return worst, windows
-
-    def _settle(self) -> None:
-        """Make yardsticks of windows that no window asked now, or of twice their length, holds."""
-        for w, recent in self._recent.items():
-            total, count = self._calm[w]
-            while recent and recent[0][0] <= self._blocks - 2 * w:
-                total, count = total + recent.popleft()[1], count + 1
-            self._calm[w] = (total, count)
 
     def _located(self) -> int:
         """How many blocks ago a split lowers the errors most."""

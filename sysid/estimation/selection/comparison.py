@@ -243,7 +243,8 @@ def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranke
     by_size = table.criterion(criterion).of_free_run
 
     def tied(x: Ranked, first: Ranked) -> bool:
-        return _gap(x, first, criterion) <= _margin(first)
+        ny, samples = len(x.contender.model.outputs), int(first.figures.get("samples") or 0)
+        return relative_gap(criterion, x.value, first.value, samples, ny) <= _margin(first)
 
     best = leader(
         lines,
@@ -272,11 +273,6 @@ def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranke
 def _margin(line: Ranked) -> float:
     samples = int(line.figures.get("samples") or 0) * len(line.contender.model.outputs)
     return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
-
-
-def _gap(line: Ranked, best: Ranked, criterion: str) -> float:
-    ny, samples = len(line.contender.model.outputs), int(best.figures.get("samples") or 0)
-    return relative_gap(criterion, line.value, best.value, samples, ny)
 
 
 def _residuals(c: Contender) -> Mapping[str, Any] | None:

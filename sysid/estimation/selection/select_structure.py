@@ -195,17 +195,9 @@ def _named(
 ) -> tuple[tuple[str, ...], Mapping[str, Grid], tuple[str, ...]]:
     """What to fit, with which orders, and what of it nobody named."""
     chosen = tuple(names) or default_structures(bool(records[0].nu))
-    given = _by_structure(chosen, grid)
+    given = grid or {} if grid is None or isinstance(grid, Mapping) else dict.fromkeys(chosen, grid)
     beside = {} if names or given else usual_orders(records, options)
     return (*chosen, *beside), {**given, **beside}, tuple(beside)
-
-
-def _by_structure(
-    names: Sequence[str], grid: Grid | Mapping[str, Grid] | None
-) -> Mapping[str, Grid]:
-    if grid is None or isinstance(grid, Mapping):
-        return grid or {}
-    return dict.fromkeys(names, grid)
 
 
 def _judged_one_step(facts: LogFacts, names: Sequence[str], options: FitOptions) -> bool:
