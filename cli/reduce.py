@@ -1,4 +1,4 @@
-"""``sysid reduce`` and ``sysid resample``: a linear model of fewer states, or at another time."""
+"""``sysid reduce``: a model of fewer states, and what that changes."""
 
 from pathlib import Path
 
@@ -39,25 +39,4 @@ def reduce(
         f"With {states} of them the frequency response changes by {found.reached:.3g} at most "
         f"(bound {found.bound:.3g})."
     )
-    render.say(f"Saved {kept.id}. Details: sysid show {kept.id}")
-
-
-@command
-def resample(
-    model: str | None = reading.ids("[MODEL]", "Id of a linear model [the best]."),
-    ts: float = option("SECONDS", "Sample time.", "--ts"),
-    workspace: Path = reading.WORKSPACE,
-    json: bool = reading.JSON,
-) -> None:
-    """Give a linear model another sample time."""
-    from sysid.estimation.resampling import resampled
-
-    store = Workspace(workspace)
-    stored = store.chosen(model)
-    found = resampled(stored.model, ts)
-    kept = store.save(found, {"resampled_from": stored.id})
-    if json:
-        render.document({"model": kept.id, "resampled_from": stored.id, "sample_time": ts})
-        return
-    render.say(f"{stored.id}: sample time {stored.model.dt:g} s, now {ts:g} s.")
     render.say(f"Saved {kept.id}. Details: sysid show {kept.id}")
