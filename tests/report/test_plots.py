@@ -17,7 +17,8 @@ from sysid.report import plots
 from sysid.report.data_panels import run_panels
 from sysid.report.envelope import envelope, isolated
 from sysid.report.movement import mover
-from sysid.report.panels import PLACES, Curve, Panel, PanelPicture
+from sysid.report.panels import PLACES, Curve, Panel, PanelPicture, panel
+from sysid.report.svg_panels import svg
 
 
 def channels(letter: str, n: int, unit: str) -> tuple[Channel, ...]:
@@ -172,6 +173,19 @@ def test_a_large_panel_stands_alone_and_shows_what_moves_at_some_places() -> Non
     assert boxes[0].width > 1.9 * boxes[1].width
     assert boxes[0].height > 1.5 * boxes[1].height
     assert boxes[1].y0 == boxes[2].y0 > boxes[3].y0  # two beside each other, the third below
+
+
+def test_words_stand_at_their_point_and_curves_take_colours_in_turn() -> None:
+    x, at = np.arange(3.0), np.array([1.0])
+    curves = (Curve("a", x, x), Curve("b", x, x), Curve("asked for", x, x, colour=-1))
+    drawn = panel("a panel", "x", "y", curves, around=(Curve("beside", at, at, kind="words"),))
+    assert [c.colour for c in drawn.curves] == [0, -1, 0, 1]
+    text = svg(drawn)
+    assert text.count(">beside<") == 1
+    (axes,) = plots.figure_of(PanelPicture("", "", (drawn,))).axes
+    assert [a.get_text() for a in axes.texts] == ["beside"]
+    named = [a.get_text() for a in axes.get_legend().get_texts()]
+    assert named == ["asked for", "a", "b"]
 
 
 def test_a_limit_of_named_rows_stands_upright() -> None:
