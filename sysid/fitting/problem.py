@@ -84,8 +84,26 @@ class Allowed:
         return np.clip(np.where(self.free, theta, self.fixed), self.lower, self.upper)
 
 
-class Problem(ABC):
-    """A least-squares problem min ½‖r(p)‖² that determines some entries of θ.
+class LeastSquares(ABC):
+    """A problem min ½‖r(p)‖², as solvers see it.
+
+    Attributes:
+        counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
+    """
+
+    counts: NDArray[np.bool_] | None = None
+
+    @abstractmethod
+    def residual(self, p: Array) -> Array:
+        """Errors ε, shape (M,); huge but finite where p is inadmissible."""
+
+    @abstractmethod
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, shape (M, len(p))."""
+
+
+class Problem(LeastSquares):
+    """A least-squares problem that determines some entries of a structure's θ.
 
     p stacks θ[index] and then the initial states, experiment after experiment.
 
@@ -95,7 +113,6 @@ class Problem(ABC):
         lengths: how many residuals each stretch of time contributes, in order; noise is not
             correlated across stretches.
         channels: output of each of these stretches.
-        counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
         scales: divisor of the errors of each output among ``channels``, in order.
     """
 
@@ -103,16 +120,7 @@ class Problem(ABC):
     n_initial: int
     lengths: tuple[int, ...]
     channels: tuple[int, ...]
-    counts: NDArray[np.bool_] | None = None
     scales: Array | float = 1.0
-
-    @abstractmethod
-    def residual(self, p: Array) -> Array:
-        """Errors ε, shape (M,); huge but finite where p is inadmissible."""
-
-    @abstractmethod
-    def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, shape (M, len(p))."""
 
     def initial_columns(self, p: Array) -> Array:
         """∂ε/∂(initial states), shape (M, n_initial): the last columns of the Jacobian."""

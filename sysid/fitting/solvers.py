@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.errors import Termination
 from sysid.fitting.marquardt import Conditions, Method, loss, marquardt, products
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import LeastSquares
 
 TOLERANCE = 1e-9
 """Relative tolerance on cost and step: three digits below the statistical error of any log."""
@@ -83,7 +83,7 @@ class Descent:
         )
 
 
-def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
+def levenberg_marquardt(problem: LeastSquares, p0: Array, how: Descent) -> Solution:
     """Minimise ½‖r(p)‖², or Huber's loss, over the free entries of p, within bounds.
 
     Args:
@@ -158,7 +158,7 @@ class _Best:
 
 
 def evaluated(
-    problem: Problem,
+    problem: LeastSquares,
     p: Array,
     termination: Termination,
     evaluations: int = 1,

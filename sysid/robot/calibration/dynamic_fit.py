@@ -8,14 +8,14 @@ radius or width, is not taken for the ground's stiffness.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.fitting.differences import slopes
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import LeastSquares
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.uncertainty import half_and_null, sandwich, slices_by_output, with_infinite
 from sysid.robot.calibration.dynamic_estimate import (
@@ -76,7 +76,7 @@ LAGS = ("pose_lag", "heading_lag")
 
 
 @dataclass(frozen=True, eq=False)
-class _DynamicProblem(Problem):
+class _DynamicProblem(LeastSquares):
     """White errors of speeds and increments, then what draws the grip to what is given."""
 
     powered: Powered
@@ -85,8 +85,6 @@ class _DynamicProblem(Problem):
     typical: Array
     free: tuple[int, ...]
     steps: Array
-    index: Index = field(default_factory=lambda: np.arange(N + len(TERMS)))
-    n_initial: int = 0
 
     @cached_property
     def judged(self) -> tuple[tuple[int, Index], ...]:
@@ -111,12 +109,9 @@ class _DynamicProblem(Problem):
         return (*speeds, *windows, (5, 1))
 
     @property
-    def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        return tuple(n for _, n in self.stretches)
-
-    @property
-    def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        return tuple(c for c, _ in self.stretches)
+    def size(self) -> int:
+        """How many residuals there are."""
+        return sum(n for _, n in self.stretches)
 
     def speed_errors(self, speeds: Array, share: float = 1.0) -> list[Array]:
         """A share of the measured speeds less those of a run, (rows, 2) log by log."""
@@ -150,7 +145,7 @@ class _DynamicProblem(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """Slopes of the runs by JAX, of the pose by central differences along them."""
-        J = np.zeros((sum(self.lengths), N + len(TERMS)))
+        J = np.zeros((self.size, N + len(TERMS)))
         runs, q = self.powered.runs, p[N:]
         theta = theta_of(self.powered.machine, p)
         inner = [k for k in self.free if k < N]
@@ -166,7 +161,7 @@ class _DynamicProblem(Problem):
                 return self._white_ways(q, slipped + x[0] * change)
 
             J[ways, [k]] = slopes(along, np.zeros(1), step)
-        steps = np.where(np.isin(self.index[N:], self.free), self.steps, 0.0)
+        steps = np.where(np.isin(np.arange(N, N + len(TERMS)), self.free), self.steps, 0.0)
         J[ways, N:] = slopes(lambda x: self._white_ways(x, slipped), q, steps)
         J[-1, DRAWN] = 1.0 / GRIP
         return J
@@ -215,11 +210,11 @@ def _settled(problem: _DynamicProblem, p: Array, before: SlipFit) -> DynamicFit:
     least = np.array([-WIDEST, -WIDEST, 0.0, 0.0, 1e-4])
     lower = np.concatenate([least, np.full(5, -WIDEST), [-1.0, -LATEST]])
     upper = np.concatenate([np.full(2, WIDEST), np.full(3, 1e4), np.full(5, WIDEST), [1.0, LATEST]])
-    mask = np.isin(problem.index, problem.free)
+    mask = np.isin(np.arange(len(p)), problem.free)
     solution: Solution | None = None
     for _ in range(ROUNDS):
         problem = _weighed(problem, p)
-        huber = np.full(sum(problem.lengths), FAR)
+        huber = np.full(problem.size, FAR)
         how = Descent(
             mask,
             np.concatenate([lower, LOWER]),

@@ -7,12 +7,12 @@ from functools import cache, cached_property
 import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
-from sysid.data.record import Array, Index
+from sysid.data.record import Array
 from sysid.effects.base import NO_LAW, Effect, Law, Length
 from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
 from sysid.fitting.holdout import Errors
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import LeastSquares
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.robot.calibration.windows import CHANNELS, Noise, Track
 from sysid.vehicle.kinematics import Geometry
@@ -231,15 +231,13 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseProblem(Problem):
+class PoseProblem(LeastSquares):
     """White errors of the increments as a function of every number."""
 
     tracks: tuple[Track, ...]
     geometry: Geometry
     noise: Noise
     free: tuple[int, ...] = field(default_factory=lambda: tuple(range(len(every_slot()))))
-    index: Index = field(default_factory=lambda: np.arange(len(every_slot())))
-    n_initial: int = 0
 
     @cached_property
     def _measured(self) -> tuple[Array, ...]:
@@ -250,13 +248,9 @@ class PoseProblem(Problem):
         return tuple(self.noise.whitener(t) for t in self.tracks)
 
     @property
-    def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
+    def lengths(self) -> tuple[int, ...]:
+        """Residuals of each record."""
         return tuple(3 * len(m) for m in self._measured)
-
-    @property
-    def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The increments of a record count as one output."""
-        return (0,) * len(self.tracks)
 
     def freeing(self, free: tuple[int, ...]) -> "PoseProblem":
         """The same problem with other free numbers; what was computed once is kept."""

@@ -7,13 +7,14 @@ determine keeps the uncertainty it had. Optional terms come one at a time while 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sysid.data.record import Array, Index
+from sysid.data.record import Array
 from sysid.fitting.differences import slopes
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import LeastSquares
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.robot.calibration.geometry import LEFT_OUT
 from sysid.robot.calibration.ground_fit import with_memory
@@ -51,7 +52,7 @@ NOTHING = 1e-4, 1e-4, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class _SlipProblem(Problem):
+class _SlipProblem(LeastSquares):
     """White, weighted errors of the windows, then what pulls every number to its prior."""
 
     parts: tuple[Part, ...]
@@ -60,16 +61,11 @@ class _SlipProblem(Problem):
     weights: Array
     prior: Array
     free: tuple[int, ...]
-    index: Index = field(default_factory=lambda: np.arange(len(TERMS)))
-    n_initial: int = 0
 
     @property
-    def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        return (*(3 * len(p.windows) for p in self.parts), len(TERMS))
-
-    @property
-    def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        return (0,) * (len(self.parts) + 1)
+    def mask(self) -> NDArray[np.bool_]:
+        """Which numbers are free, (n,)."""
+        return np.isin(np.arange(len(TERMS)), self.free)
 
     def residual(self, p: Array) -> Array:
         """Errors in units of the typical ones, each window with its weight, and the prior's."""
@@ -79,7 +75,7 @@ class _SlipProblem(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """Central differences in the free numbers; other columns are zero."""
-        steps = np.where(np.isin(self.index, self.free), STEP * self.prior, 0.0)
+        steps = np.where(self.mask, STEP * self.prior, 0.0)
         return slopes(self.residual, p, steps, LOWER)
 
 
@@ -181,8 +177,7 @@ def _weighed(problem: _SlipProblem, q: Array) -> _SlipProblem:
 
 def _solved(problem: _SlipProblem, q: Array, evaluations: int, rounds: int) -> Array:
     """The numbers after some rounds, each with the weights that the one before has left."""
-    free = np.isin(problem.index, problem.free)
-    how = Descent(free, LOWER, np.full(len(TERMS), np.inf), max_evaluations=evaluations)
+    how = Descent(problem.mask, LOWER, np.full(len(TERMS), np.inf), max_evaluations=evaluations)
     for _ in range(rounds):
         q = levenberg_marquardt(_weighed(problem, q), q, how).p
     return q
@@ -190,7 +185,7 @@ def _solved(problem: _SlipProblem, q: Array, evaluations: int, rounds: int) -> A
 
 def _settled(problem: _SlipProblem, q: Array) -> SlipFit:
     """The numbers with weights that have settled, and their covariance; others do nothing."""
-    q = np.where(np.isin(problem.index, problem.free), q, NULLS)
+    q = np.where(problem.mask, q, NULLS)
     q = _solved(problem, q, 20, ROUNDS)
     return _judged(_weighed(problem, q), q)
 
@@ -245,8 +240,9 @@ def _linear(problem: _SlipProblem, J: Array, q: Array, free: Sequence[int]) -> t
     freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
     white = inverse @ data @ inverse * float(np.mean(remainder**2)) / freedom
     influence = remainder[:, None] * (j @ inverse) / np.sqrt(freedom)
+    each = [3 * len(p.windows) for p in problem.parts]
     # the prior leaves open where the log is silent
-    covariance = with_memory(white, influence, problem.lengths[:-1]) + inverse @ pull @ inverse
+    covariance = with_memory(white, influence, each) + inverse @ pull @ inverse
     # lengths are no surer than speeds between two samples let them be
     sampled = [i for i, k in enumerate(free) if k <= AT["effective_width"]]
     covariance[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
