@@ -54,6 +54,22 @@ def test_a_thermostat_is_a_closed_loop() -> None:
     assert "closed loop" in said.text
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_float_switch_is_seen_through_coarse_readings(seed: int) -> None:
+    """A sump whose pump runs from 80 cm down to 30, read to 1 cm; the inflow comes and goes."""
+    rng = np.random.default_rng(seed)
+    level, pump, inflow, rows = 50.0, 0.0, 1.0, []
+    for _ in range(4000):
+        pump = 1.0 if level > 80.0 else 0.0 if level < 30.0 else pump
+        rows.append((pump, np.round(level + rng.normal(0.0, 0.2))))
+        inflow = np.clip(inflow + rng.normal(0.0, 0.03), 0.2, 2.0)
+        level += inflow - 3.0 * pump
+    data = np.array(rows)
+    law = relay_law([Record(data[:, :1], data[:, 1:], 5.0)], 0, 0)
+    assert law is not None
+    assert (law.up, law.down) == pytest.approx((80.0, 30.0), abs=3.0)
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("tau", [5.0, 60.0, 150.0, 2000.0])
 @pytest.mark.parametrize("bounds", [(10, 80), (40, 60), (40, 400), (60, 61)])

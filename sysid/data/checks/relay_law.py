@@ -9,7 +9,8 @@ In open loop the time of a switching knows nothing of the output: a longer inter
 further, b is the rate r at which it still moves when the input is switched. Where a threshold
 switches, the output has come as far however long that took: b = 0. Both ways together are b/r with
 their standard errors (weights 1/σ²). Intervals that are all alike, as a timer's, and outputs that
-rest when they are switched say nothing (b/r has an infinite error).
+rest when they are switched say nothing (b/r has an infinite error). Where short intervals take the
+output less far than long ones, in which it comes to rest, no threshold does the switching.
 """
 
 from collections.abc import Sequence
@@ -30,9 +31,10 @@ NEAR = 0.1
 """Share of the output's range within which it lies about a threshold when it switches (one standard
 deviation): where set points move, or a timer switches as well, it is not this test's to say."""
 
-TOGETHER = 0.4
-"""Correlation of the ranks from which on they go together: what an output passes a threshold by
-within one sample goes a little with the time as well."""
+TOGETHER, FURTHER = 0.4, 0.05
+"""Correlation of the ranks of z and D, and share of the way by which the longer half of the
+intervals takes the output further than the shorter half, where no threshold ends them. Noise and
+what an output passes a threshold by within a sample make some of either, but not both."""
 
 LAST = 0.2
 """Last part of an interval over which the rate is taken."""
@@ -82,7 +84,7 @@ def relay_law(records: Sequence[Record], i: int, j: int) -> RelayLaw | None:
     width = float(np.ptp(np.concatenate([r.y[:, i] for r in records])))
     if any(float(np.std(w.at)) > NEAR * width for w in ways):
         return None
-    if any(_rank_correlation(w) > TOGETHER for w in ways):
+    if any(_comes_to_rest(w) for w in ways):
         return None
     ratios = [r for w in ways if (r := _slope_by_rate(w)) is not None]
     if not ratios:
@@ -128,8 +130,11 @@ def _slope_by_rate(way: _Ways) -> tuple[float, float] | None:
     return slope, max(error, 1e-6)
 
 
-def _rank_correlation(way: _Ways) -> float:
-    """Of how far the output has come, the way it goes, and of how long that took, −1 … 1."""
+def _comes_to_rest(way: _Ways) -> bool:
+    """Whether the output comes further the longer an interval lasts."""
     far = way.moved * np.sign(np.mean(way.moved))
-    ranks = [np.argsort(np.argsort(x)).astype(np.float64) for x in (far, way.lasted)]
-    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    ranks = [np.argsort(np.argsort(x, kind="stable")).astype(np.float64) for x in (far, way.lasted)]
+    together = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    shorter, longer = np.array_split(far[np.argsort(way.lasted, kind="stable")], 2)
+    further = float((longer.mean() - shorter.mean()) / far.mean())
+    return together > TOGETHER and further > FURTHER
