@@ -8,6 +8,7 @@ import pytest
 from sysid.data.facts import LogFacts
 from sysid.data.inspection import inspect_records
 from sysid.data.record import Channel, Record
+from sysid.diagnosis.diagnose import diagnose
 
 
 def stirred_tank(seed: int, kind: str, rows: int = 2000) -> Record:
@@ -56,6 +57,15 @@ def test_a_loop_whose_set_point_moves_is_no_exchange(seed: int) -> None:
     (test,) = LogFacts.of([Record(rows[:, :1], rows[:, 1:], 1.0)]).feedback or ()
     assert test.seen
     assert not test.exchanged
+
+
+def test_nothing_is_named_on_a_cause() -> None:
+    log = stirred_tank(0, "steps")
+    back = replace(log, u=log.y, y=log.u, inputs=log.outputs, outputs=log.inputs)
+    found = diagnose([back])
+    assert not found.effects
+    assert not found.shapes
+    assert any("or the two are exchanged" in w for w in found.warnings)
 
 
 def test_the_advice_exchanges_them() -> None:

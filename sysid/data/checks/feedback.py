@@ -219,7 +219,8 @@ def _exchanged(
     if not (one and test.sure and test.share > MOSTLY):
         return False
     fit = long_regression(records, order, 0, order, far)
-    gain, _ = wald(fit, 0, np.arange(fit.b.shape[1] * len(fit.lags)))
+    gain, by_chance = wald(fit, 0, np.arange(fit.b.shape[1] * len(fit.lags)))
+    gain = max(gain - by_chance, 0.0)
     free = fit.samples - fit.a[0].size - fit.b[0].size
     return bool(gain / (gain + free) < LITTLE * test.share)
 

@@ -61,6 +61,8 @@ MIN_ROWS = 10
 """Rows needed to take a column for the time by its values alone."""
 STEADY = 0.8
 """Share of a clock's steps that lie within half of the usual one; most signals fail this."""
+SAME_STEPS = 0.01
+"""Share by which the steps of a clock that is called by its unit alone may differ."""
 RISING = 0.9
 """Share of a clock's steps that go up: the others are roll-overs, restarts or doubled lines."""
 
@@ -181,7 +183,8 @@ def find_time(
         column = table.read(first) if meaning(first).quantity == "other" else None
         whole = column is not None and bool(np.all(np.diff(column) == 1.0))
         counted = whole and column is not None and column[:1].tolist() in ([0.0], [1.0])
-        if column is not None and is_steady(column) and (counted or not _position(first)):
+        clock = counted or not _position(first) or (first.lower() in UNIT_WORDS and _even(column))
+        if column is not None and is_steady(column) and clock:
             return TimeColumn(first, counts=whole, by_name=False)
     return TimeColumn(counters[0], counts=True) if counters else None
 
@@ -234,6 +237,14 @@ def _of_sender(named: Sequence[str], table: "Table") -> TimeColumn | None:
 def _position(name: str) -> bool:
     """Whether a name is that of a position, which may rise as steadily as a clock."""
     return set(words(name)) <= {"enc", "encoder", "l", "r", "x", "y", "psi", "yaw", "dist", "s"}
+
+
+def _even(column: Array | None) -> bool:
+    """Whether all steps of a column are alike, as those of no way that is travelled."""
+    if column is None or len(column) < MIN_ROWS:
+        return False
+    steps = np.diff(column)
+    return bool(np.ptp(steps) <= SAME_STEPS * abs(float(np.median(steps))))
 
 
 def _strictly(column: Array | None) -> bool:

@@ -28,9 +28,9 @@ RUNS_AWAY = (
 
 
 ANSWERS_ALONE = (
-    "moves its input through a controller, and nothing else does: what a model makes of them may "
-    "be the disturbance and the controller. No effect is named on it. Step the set point, or add a "
-    "test signal to the input, and record again."
+    "moves its input through a controller, and nothing else does, or the two are exchanged: what a "
+    "model makes of them may be the disturbance and the controller. No effect is named on it. Step "
+    "the set point, or add a test signal to the input, and record again."
 )
 
 
@@ -48,9 +48,11 @@ def of_the_loop(facts: LogFacts) -> tuple[str, ...]:
 
 
 def answering_alone(facts: LogFacts) -> tuple[str, ...]:
-    """Outputs of a log whose only input nothing but a controller moves that reads them."""
+    """Outputs of a log whose only input nothing but a controller moves that reads them, or which is
+    rather what they cause."""
     own_rate = facts.at_own_rate
-    return tuple(t.output for t in own_rate.laws_alone if t.seen and own_rate.surely_closed_loop)
+    alone = {t.output for t in own_rate.laws_alone if t.seen and own_rate.surely_closed_loop}
+    return tuple(t.output for t in own_rate.feedback or () if t.exchanged or t.output in alone)
 
 
 def running_away(facts: LogFacts) -> tuple[str, ...]:

@@ -221,6 +221,17 @@ def test_two_machines_with_stamps_of_their_own_are_said(tmp_path: Path, step: fl
             read_file(path, options)
 
 
+def test_a_clock_that_is_called_by_its_unit(tmp_path: Path) -> None:
+    """``s`` may be a way as well; a way rises in no steps that are all alike."""
+    k, u, y = motor(120)
+    rest = [whole(u), point(y)]
+    even = put(tmp_path, "s,u,y\n" + lines([point(0.01 * k), *rest]), "even.csv")
+    assert read_file(even).records[0].dt == pytest.approx(0.01)
+    way = 0.01 * k + 0.001 * np.sin(k)
+    travelled = put(tmp_path, "s,u,y\n" + lines([point(way, 4), *rest]), "way.csv")
+    assert read_file(travelled).records[0].dt == 1.0
+
+
 def test_words_that_change_with_the_rows_of_one_machine_are_left(tmp_path: Path) -> None:
     k, u, y = motor(240)
     phase = np.array(["tick", "tock"])[k % 2].tolist()
