@@ -25,7 +25,7 @@ from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground
-from sysid.diagnosis.validation.runs_away import of_the_loop, running_away, without
+from sysid.diagnosis.validation.runs_away import RUNS_AWAY, of_answers, running_away, without
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.effects.measured import Measured, within
@@ -87,15 +87,15 @@ def diagnose(
     if neutral.any():
         estimation = counted_from(neutral, estimation)
         holdout = counted_from(neutral, holdout) if holdout else None
-    facts = LogFacts.of(estimation)
-    alone = () if model is not None else running_away(facts)
+    alone = () if model is not None else running_away(LogFacts.of(estimation))
     if alone and len(alone) < logs[0].ny and logs[0].nu == 1:
         estimation = without(alone, estimation)
         holdout = without(alone, holdout) if holdout else None
     effects = within(chain_effects(), measured or {})
     diagnosis = _searched(estimation, holdout, model, geometry, effects, not known, say, seed)
-    warnings = () if model is not None else of_the_loop(facts)
-    diagnosis = replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
+    if alone:
+        warnings = (f"{' and '.join(alone)} {RUNS_AWAY}", *diagnosis.warnings)
+        diagnosis = replace(diagnosis, warnings=warnings)
     if neutral.any():
         diagnosis = as_logged(diagnosis, neutral)
     if geometry is not None and diagnosis.geometry is None and mission is None:
@@ -159,7 +159,8 @@ def _searched(
         *(change_sentence(c, estimation[0]) for c in facts.changes),
         *(f"{drift} {WITHOUT_DRIFT}" for drift in drifts),
     ]
-    return replace(diagnosis, changes=tuple(changes))
+    warnings = (*(() if model is not None else of_answers(facts)), *diagnosis.warnings)
+    return replace(diagnosis, changes=tuple(changes), warnings=warnings)
 
 
 MIN_SAMPLES = 60

@@ -73,6 +73,10 @@ COUNTS = np.rint(np.cumsum(20.0 + 15.0 * Y))
 SLOW = 600 * 20
 SLOW_U = np.repeat(RNG.uniform(-1.0, 1.0, 12), SLOW // 12)
 SLOW_Y = lfilter([0.0, 0.0025], [1.0, -0.9975], SLOW_U) + 0.01 * RNG.standard_normal(SLOW)
+CAUSE = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 100), 20)
+ANSWER = lfilter([0.0, 0.2], [1.0, -0.8], CAUSE)
+ANSWER += 0.01 * np.random.default_rng(6).standard_normal(2000)
+CAUSE = CAUSE + 0.003 * np.random.default_rng(7).standard_normal(2000)
 
 ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "correct it, or allow": (log("t,u,y", T, U, HOLES), {"resample": "refuse"}, {}),
@@ -124,6 +128,10 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "Give it as an input, too": (
         log("t,u,y,room", T, U, Y + lfilter([0.0, 0.2], [1.0, -0.8], U[::-1]), U[::-1]),
         {"inputs": "u", "outputs": "y"}, {},
+    ),
+    "If they are, give": (
+        log("t,alpha,beta", 0.02 * np.arange(2000), ANSWER, CAUSE),
+        {"inputs": "alpha", "outputs": "beta"}, {},
     ),
     "Until then give": (log(SIDES, T, 2e4 * U, 2e4 * U[::-1], 8.0 * Y[::-1], 8.0 * Y), {}, {}),
     "change the sign of the": (

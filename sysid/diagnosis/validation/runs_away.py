@@ -39,10 +39,8 @@ def without_free_run(facts: LogFacts) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*running_away(facts), *answering_alone(facts))))
 
 
-def of_the_loop(facts: LogFacts) -> tuple[str, ...]:
-    """What is warned of outputs whose free run says nothing; empty where there is none."""
-    if alone := running_away(facts):
-        return (f"{' and '.join(alone)} {RUNS_AWAY}",)
+def of_answers(facts: LogFacts) -> tuple[str, ...]:
+    """What is warned of outputs that alone move their input; empty where there is none."""
     answering = answering_alone(facts)
     return (f"{' and '.join(answering)} {ANSWERS_ALONE}",) if answering else ()
 
