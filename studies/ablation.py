@@ -28,7 +28,7 @@ from studies.real_diagnose import CASES, OF_SAMPLES, Case, diagnosed
 from studies.records import data_folder
 from sysid.diagnosis import diagnose as whole
 from sysid.diagnosis.rules import ledger
-from sysid.diagnosis.search import forward_selection, moves
+from sysid.diagnosis.search import forward_selection
 from sysid.report.markdown import foot, table
 
 SUITES = {"singles": 34, "pairs": 16, "triples": 6, "nothing": 12, "outside": 12}
@@ -68,7 +68,6 @@ def _nothing(*_: Any, **__: Any) -> None:
 SWITCHES: Mapping[str, Switch] = MappingProxyType(
     {
         "move: pairs": Switch(forward_selection, "together", _nothing, _some),
-        "move: the other lag": Switch(moves, "with_other_lag", _nothing, _some),
         "move: look-alikes in place": Switch(
             forward_selection,
             "swapped",

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +165,9 @@ def translated(
     open_causes = list(hidden)
     kept = []
     for entry in entries:
-        mine = next((h for h in open_causes if {h["id"], *h["also"]} & set(entry)), None)
+        own = (h for h in open_causes if h["id"] in entry)
+        alike = (h for h in open_causes if set(h["also"]) & set(entry))
+        mine = next(chain(own, alike), None)
         if mine is not None:
             open_causes.remove(mine)
             kept.append(tuple(dict.fromkeys((*entry, mine["id"]))))

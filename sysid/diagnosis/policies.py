@@ -162,6 +162,7 @@ class SearchBudget:
 
     Attributes:
         most_effects: effects of one model at most: five were never all proven.
+        leaders: models that no log can tell apart from which the next effect is sought.
         shortlist: effects that are fitted in full.
         screened: effects that the screen hands on: of 47 blind logs from physics the truth was
             among the first nine in all but one.
@@ -178,6 +179,7 @@ class SearchBudget:
     """
 
     most_effects: int = 4
+    leaders: int = 3
     shortlist: int = 9
     screened: int = 12
     more_steps: int = 4

@@ -126,10 +126,11 @@ class DiagnosisSession:
         something is missing for sure, errors need not be far above the noise to ask for more.
         """
         old, new = (n.errors.mean_squares()[1] for n in (self.base.model, candidate))
-        noise = VERDICT.residual_power_to_noise * self.floor**2
+        floor = np.minimum(self.floor, noise_of(self.base, candidate).value)
+        noise = VERDICT.residual_power_to_noise * floor**2
         # a small share of a large gap may be far above the noise: an effect beside a large one
-        minor = 0.01 * VERDICT.min_share * np.maximum(old - self.floor**2, noise)
-        if np.all(new - self.floor**2 < np.minimum(minor, noise)):
+        minor = 0.01 * VERDICT.min_share * np.maximum(old - floor**2, noise)
+        if np.all(new - floor**2 < np.minimum(minor, noise)):
             return 0.0
         structure = self.residual_structure(candidate)
         if structure is None or structured(structure):
@@ -203,9 +204,10 @@ class DiagnosisSession:
         return bool(selection.selected) and float(np.sqrt(np.mean(new / old))) < RULE.held_out
 
 
-def noise_of(base: Base) -> NoiseFloor:
-    """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
-    parts, errors = base.parts, base.model.errors
+def noise_of(base: Base, candidate: CandidateModel | None = None) -> NoiseFloor:
+    """Measurement noise from all logs of a diagnosis and the errors that a model, or its base,
+    leaves there."""
+    parts, errors = base.parts, (candidate or base.model).errors
     if parts.holdout_facts is parts.facts:  # blocks of the same logs: together they are whole
         pairs = zip(errors.estimation, errors.holdout, strict=True)
         residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]

@@ -340,6 +340,7 @@ EFFECTS = (
                 "the light of a corrected lamp is: above 0 small commands do less than others.",
             ),
         ),
+        of_remote=True,
         hints=Hints(
             ties=("supply-sag",),
             programmes=(LEVELS, ONE_AND_OTHER, COASTING),

@@ -36,9 +36,10 @@ class TorquePart(Enum):
     FRICTION = "what resists the motion of the shaft"
 
 
-FRICTION_BEFORE_LOADS, ORDER = 1, 2
+FRICTION_BEFORE_LOADS, LIMITS_BEFORE_RAMPS, ORDER = 1, 2, 3
 """Orders of the chain: that of older files, which name none, where weights and the fading of a warm
-motor act behind friction; and that of ``TorquePart``."""
+motor act behind friction; that of ``TorquePart``, where limits and dead zones of a bridge act
+before the ramp of the controller that commands it; and that of today."""
 
 
 class StartsFrom(Enum):
@@ -351,6 +352,8 @@ class Effect:
         constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
             parameters and that do not change from step to step.
         part: of an effect on the torque, which part of it: the order in which they act.
+        of_remote: whether it bends the command where that is given: before ramps and filters of a
+            controller.
         memory: what it carries from step to step.
         holds: (parameters) → torque with which it holds a track at standstill.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
@@ -377,6 +380,7 @@ class Effect:
     step: Step
     constants: Constants | None = None
     part: TorquePart = TorquePart.LOAD
+    of_remote: bool = False
     memory: Memory = Memory()
     holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None

@@ -19,6 +19,7 @@ from sysid.effects import (
 )
 from sysid.effects.base import (
     FRICTION_BEFORE_LOADS,
+    LIMITS_BEFORE_RAMPS,
     ORDER,
     Effect,
     Hints,
@@ -126,9 +127,11 @@ def chain_effects() -> tuple[Effect, ...]:
 def in_chain(effects: Iterable[Effect], order: int = ORDER) -> tuple[Effect, ...]:
     """Effects between command and reading in the order in which they act.
 
-    Within the command delays come first and effects with memory last, within the reading effects
-    with memory come first: what has none can then be computed for a whole record at once. Within
-    the torque the drive comes first, then loads, then friction.
+    Within the command delays come first, then the curve of a remote control, then ramps and filters
+    of a controller, and last limits, dead zones and gains of what it drives: a ramp passes through
+    a dead zone at its rate. Within the reading effects with memory come first: what has none can
+    then be computed for a whole record at once. Within the torque the drive comes first, then
+    loads, then friction.
 
     Args:
         order: ``ORDER``, or an earlier one, in which models were stored.
@@ -147,6 +150,8 @@ def ground_effects() -> tuple[Effect, ...]:
 def _rank(e: Effect, order: int) -> tuple[int, int]:
     memory = 0 if e.memory.of_inputs else 2 if e.memory.states else 1
     within = -memory if e.place is Place.READING else memory
+    if e.place is Place.COMMAND and order > LIMITS_BEFORE_RAMPS:
+        within = 3 if memory == 1 and not e.of_remote else memory
     if e.place is Place.TORQUE and order != FRICTION_BEFORE_LOADS:
         within = list(TorquePart).index(e.part)
     return list(Place).index(e.place), within

@@ -11,6 +11,7 @@ from c_programs import build, driven, needs_compiler
 from sysid.data.record import Array, Record
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
+from sysid.effects.base import ORDER
 from sysid.effects.catalogue import effect, in_chain
 from sysid.errors import ModelError
 from sysid.runners.native import compiler
@@ -34,7 +35,7 @@ def test_an_older_model_runs_as_it_did() -> None:
     model, u, y = stored()
     np.testing.assert_allclose(model.simulate(u), y, rtol=0, atol=1e-12)  # the same arithmetic
     assert isinstance(model.structure, Augmented)
-    today = replace(model, structure=replace(model.structure, chain=2))
+    today = replace(model, structure=replace(model.structure, chain=ORDER))
     assert np.max(np.abs(today.simulate(u) - y)) > 0.1  # the order matters here
 
 
@@ -49,9 +50,9 @@ def test_its_order_is_kept_in_its_file_and_by_what_makes_up_for_it(tmp_path: Pat
 
 def test_an_order_of_a_later_version_is_refused() -> None:
     raw = structure_to_json(Augmented(1, 1, (1.0,), 0.05, ("load-bias",)))
-    assert raw["settings"]["chain"] == 2
-    raw["settings"]["chain"] = 3
-    with pytest.raises(ModelError, match="order 3"):
+    assert raw["settings"]["chain"] == ORDER
+    raw["settings"]["chain"] = ORDER + 1
+    with pytest.raises(ModelError, match=f"order {ORDER + 1}"):
         structure_from_json(raw)
 
 

@@ -79,15 +79,24 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
         return False
     if about(id).hints.gathers and not _slower(model, candidate, own_parameters):
         return False
-    first = about(id).parameters[0].name
-    for k in own_parameters:
-        p, value = model.parameters[k], candidate.q[k]
-        ended = on_bound(p, value) and not p.of.at_limit
-        if p.null in (p.lower, p.upper) and _at(p, value, p.null):
-            ended = p.name == first and not p.of.at_null
-        if ended:
-            return False
+    if ended(model, id, candidate).any():
+        return False
     return any(candidate.q[k] != model.parameters[k].null for k in own_parameters)
+
+
+def ended(model: FullModel, id: str, candidate: CandidateModel) -> NDArray[np.bool_]:
+    """Tracks on which a free parameter of an effect ends on a bound, or where it does nothing, that
+    is no value of the effect, (tracks,)."""
+    tracks = np.zeros(model.tracks, dtype=bool)
+    first = about(id).parameters[0].name
+    for k in (k for k in candidate.free if model.parameters[k].owner == id):
+        p, value = model.parameters[k], candidate.q[k]
+        at_end = on_bound(p, value) and not p.of.at_limit
+        if p.null in (p.lower, p.upper) and _at(p, value, p.null):
+            at_end = p.name == first and not p.of.at_null
+        if at_end:
+            tracks[p.track if p.track >= 0 else slice(None)] = True
+    return tracks
 
 
 def _slower(model: FullModel, candidate: CandidateModel, own: Sequence[int]) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import BUDGET, ENDLESS, RULE
-from sysid.diagnosis.search.admission import admissible, beyond_sampling
+from sysid.diagnosis.search.admission import admissible, beyond_sampling, ended
 from sysid.diagnosis.search.batched_search import best_tracks, search, slopes
 from sysid.diagnosis.search.evidence import (
     Evidence,
@@ -338,9 +338,11 @@ class CandidateSearch:
         cost = len(free_on([0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
         served = (gain > cost) & (v1 < RULE.own_part * v0)
-        if any(self.model.parameters[k].track < 0 for k in before.free):
+        if self.model.joined(q, before.free):
             served &= self._needed_itself(before, e, q, v1)
         served &= beyond_sampling(self.model, e.id, q)
+        if not (served & (at_end := ended(self.model, e.id, model))).all():
+            served &= ~at_end
         if served.all() or not served.any():
             return replace(model, touched=served if served.any() else model.touched)
         of_others = [
@@ -377,7 +379,7 @@ class CandidateSearch:
     ) -> NDArray[np.bool_]:
         """Tracks whose error grows without the effect's parameters of their own, (tracks,).
 
-        What tracks share may have gained from the effect on one track alone.
+        Tracks that feel each other may both have gained from the effect on one of them.
         """
         without = np.repeat(q[None], self.model.tracks, axis=0)
         for i, row in enumerate(without):
@@ -413,11 +415,14 @@ class CandidateSearch:
         """Whether the newest effect's parameters are physical (see ``admission``)."""
         return admissible(self.model, self.origin, model)
 
-    def without(self, model: CandidateModel, id: str) -> CandidateModel:
-        """The candidate model without one of its effects, fitted again."""
-        q, removed = model.q.copy(), list(self.model.of(id))
+    def without(self, model: CandidateModel, id: str, track: int | None = None) -> CandidateModel:
+        """The candidate model without one of its effects, or without it on one track, fitted
+        again."""
+        own = self.model.of(id)
+        removed = [k for k in own if track in (None, self.model.parameters[k].track)]
+        q = model.q.copy()
         q[removed] = self.origin[removed]
-        rest = tuple(i for i in model.effects if i != id)
+        rest = tuple(i for i in model.effects if i != id or track is not None)
         every = np.ones(self.model.tracks, dtype=bool)
         plain = replace(model, effects=rest, touched=every)
         return self.fitted(plain, q, tuple(k for k in model.free if k not in removed))

@@ -9,7 +9,7 @@ from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
-from sysid.diagnosis.search.moves import beside_either, swapped, together
+from sysid.diagnosis.search.moves import swapped, together
 from sysid.diagnosis.search.redundancy import is_redundant
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -19,6 +19,9 @@ from sysid.diagnosis.search.selection import (
 )
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import NOT_NAMED, about
+
+CLEARLY = 10.0
+"""Beside what ties with an effect the next has to explain more by this much, in units of BIC."""
 
 Progress = Callable[[str, float], None]
 """(what is being done, share of the work done)."""
@@ -53,11 +56,17 @@ class ForwardSelection(CandidateSearch):
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
         least = min(needed or self.needed, RULE.in_loop)  # two at once must do more
-        start = passed[0].model if passed else together(self, base, judged, effects, least)
+        starts = self._leaders(passed)
+        if not starts and (pair := together(self, base, judged, effects, least)):
+            starts = [pair]
         minor = self._minor(judged)
-        if start is None:
+        if not starts:
             return Selection(base, base, (), minor, first)
-        best, grown_minor = self._grown(base, start, effects, say, required)
+        best, grown_minor = self._grown(base, starts, effects, say, required)
+        for other in self._others(passed, best) if required(best) > 0.0 else ():
+            again, minor_again = self._grown(base, [other], effects, say, required)
+            if self._likeliest(base, [best, again]):
+                best, grown_minor = again, minor_again
         minor = grown_minor if grown_minor is not None else minor
         selected = self.account(base, best, effects, judged)
         say("done", 1.0)
@@ -66,36 +75,76 @@ class ForwardSelection(CandidateSearch):
     def _grown(
         self,
         base: CandidateModel,
-        model: CandidateModel,
+        leaders: Sequence[CandidateModel],
         effects: Sequence[Effect],
         say: Progress,
         required: RequiredRatio,
     ) -> tuple[CandidateModel, tuple[tuple[str, Evidence], ...] | None]:
         """A candidate with effects added one at a time, without those that others have made
-        needless; and what was minor when it grew no more."""
-        minor, tidied = None, 1
+        needless; and what was minor when it grew no more.
+
+        Args:
+            leaders: the likeliest, and what ties with it: the next effect may tell them apart.
+        """
+        minor, tidied, model = None, 1, leaders[0]
         while len(model.effects) < BUDGET.most_effects and (needed := required(model)) > 0.0:
             if len(model.effects) > tidied:
                 tidied = len(model.effects)
                 other = swapped(self, base, model, effects)
                 if other is not model:
-                    model = other
+                    model, leaders = other, (other,)
                     continue
             say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
-            passed, judged = self._next(base, model, effects, needed)
-            minor = self._minor(judged)
-            if not passed or self.best_of(base, (model, passed[0].model)) is model:
+            tried = [self._next(base, one, effects, needed) for one in leaders]
+            minor = self._minor(tried[0][1])
+            grown = [passed for passed, _ in tried if passed]
+            if not grown:
                 break
-            model = passed[0].model
+            best = self._likeliest(base, [passed[0].model for passed in grown])
+            if self.best_of(base, (model, grown[best][0].model)) is model:
+                break
+            leaders = self._leaders(grown[best])
+            model = self._restarted(base, leaders[0])
             if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
                 model = self.fitted(model)
+            leaders = (model, *leaders[1:])
         return self.pruned(base, self.fitted(model)), minor
+
+    def _leaders(self, passed: Sequence[ScoredCandidate]) -> list[CandidateModel]:
+        """The likeliest of accepted candidates, and a few that no log can distinguish from it."""
+        if not passed:
+            return []
+        lead, *others = (j.model for j in passed)
+        return [lead, *[m for m in others if self.tied(lead, m)][: BUDGET.leaders - 1]]
+
+    def _others(
+        self, passed: Sequence[ScoredCandidate], found: CandidateModel
+    ) -> list[CandidateModel]:
+        """First effects that a set which leaves something does not hold: one of them, less likely
+        by itself, may be part of a likelier set."""
+        missing = [j.model for j in passed if j.id not in found.effects]
+        return missing[: BUDGET.leaders - 1]
+
+    def _likeliest(self, base: CandidateModel, models: Sequence[CandidateModel]) -> int:
+        """The first of several candidates, or one that is clearly more likely."""
+        samples = common_samples(models)
+        scores = [self.likelihood(base, m, samples) for m in models]
+        best = int(np.argmax(scores))
+        return best if scores[best] > scores[0] + CLEARLY else 0
+
+    def _restarted(self, base: CandidateModel, model: CandidateModel) -> CandidateModel:
+        """A candidate, or the same found from the core of the base where that fits better: a core
+        that has made up for what was missing may hold the rest where it is."""
+        q = model.q.copy()
+        core = list(self.core)
+        q[core] = base.q[core]
+        return self.best_of(base, (model, self.fitted(model, q)))
 
     def _next(
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
-        judged = beside_either(self, model, effects)
+        judged = self.candidates(model, effects)
         passed = [
             j
             for j in self.passing(judged)
@@ -145,16 +194,25 @@ class ForwardSelection(CandidateSearch):
         )
 
     def pruned(self, base: CandidateModel, model: CandidateModel) -> CandidateModel:
-        """Drop effects that the others have made needless."""
+        """Drop effects, and those of single tracks, that the others have made needless."""
         while len(model.effects) > 1:
-            rests = [self.without(model, id) for id in model.effects]
+            parts = [(id, at) for id in model.effects for at in (None, *self._tracks(model, id))]
+            rests = [self.without(model, *part) for part in parts]
             best = self.best_of(base, rests)
-            whole = self._beside(model, best)
+            _, at = parts[rests.index(best)]
+            touched = np.arange(self.model.tracks) == at
+            whole = self._beside(model, best) if at is None else replace(model, touched=touched)
             evidence = self.evidence(best, whole, 1)
             if evidence.significant and evidence.ratio < RULE.own_part:
                 break
             model = best
         return model
+
+    def _tracks(self, model: CandidateModel, id: str) -> tuple[int, ...]:
+        """Tracks on which alone an effect may be needless: each of several that it acts on."""
+        parameters = [self.model.parameters[k] for k in self.model.of(id) if k in model.free]
+        tracks = sorted({p.track for p in parameters})
+        return tuple(tracks) if len(tracks) > 1 and tracks[0] >= 0 else ()
 
     def account(
         self,

@@ -6,17 +6,12 @@ Each takes the search and a set of effects; what it returns is judged like any o
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from sysid.diagnosis.policies import BUDGET, RULE
-from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
+from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import about
-
-CLEARLY = 10.0
-"""Beside the other lag an effect has to explain more by this much, in units of BIC."""
 
 
 def together(
@@ -45,50 +40,6 @@ def together(
             if pair.evidence.accepted and pair.evidence.ratio < needed:
                 found += [pair] * all(map(search.admissible, either))
     return max(found, key=lambda j: j.score).model if found else None
-
-
-def beside_either(
-    search: CandidateSearch, model: CandidateModel, effects: Sequence[Effect]
-) -> list[ScoredCandidate]:
-    """Effects tried on a candidate model, and on the one with the other lag where there is one.
-
-    Each where it explains more, the most likely first.
-    """
-    judged = search.candidates(model, effects)
-    other = with_other_lag(search, model)
-    if other is None:
-        return judged
-    tried = [(model, j) for j in judged] + [(other, j) for j in search.candidates(other, effects)]
-    samples = common_samples([j.model for _, j in tried]) if tried else np.zeros(0)
-    best: dict[str, ScoredCandidate] = {}
-    for rest, j in tried:
-        scored = search.scored(rest, j.model, len(effects), samples)
-        if j.id not in best or scored.score > best[j.id].score + CLEARLY:
-            best[j.id] = scored
-    return sorted(best.values(), key=lambda j: -j.score)
-
-
-def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> CandidateModel | None:
-    """A candidate model whose newest effect, a lag, is the other lag that ties with it.
-
-    None where the newest effect is no such lag.
-    """
-    newest, model = candidate.effects[-1], search.model
-    name = about(newest).hints.exchanges
-    offered = {e.id for e in model.effects}.difference(candidate.effects)
-    others = [id for id in about(newest).hints.ties if name and id in offered]
-    if not others:
-        return None
-    other, q, moved = others[0], candidate.q.copy(), {}
-    for k in model.of(newest):
-        if model.parameters[k].name == name:
-            moved[k] = there = model.index[
-                other, about(other).hints.exchanges, model.parameters[k].track
-            ]
-            q[there], q[k] = model.parameters[there].within(q[k]), 0.0
-    free = tuple(sorted(moved.get(k, k) for k in candidate.free))
-    effects = (*candidate.effects[:-1], other)
-    return search.evaluate(effects, q, free, candidate.touched)
 
 
 def swapped(

@@ -438,7 +438,7 @@ def _(s: Augmented, theta: Array) -> Array:
 
 
 def _order(stored: int) -> int:
-    if stored not in (FRICTION_BEFORE_LOADS, ORDER):
+    if not FRICTION_BEFORE_LOADS <= stored <= ORDER:
         raise ModelError(
             f"the model has effects in order {stored} of the chain, this version knows orders up "
             f"to {ORDER}: read it with the version that wrote it"
