@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnosis.policies import BUDGET, RULE
-from sysid.diagnosis.search.admission import tied
+from sysid.diagnosis.search.admission import ended, tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
 from sysid.diagnosis.search.moves import swapped, together
@@ -65,7 +65,9 @@ class ForwardSelection(CandidateSearch):
         best, grown_minor = self._grown(base, starts, effects, say, required)
         for other in self._others(passed, best) if required(best) > 0.0 else ():
             again, minor_again = self._grown(base, [other], effects, say, required)
-            if self._likeliest(base, [best, again]):
+            # of sets that all leave something, more names are no better answer
+            as_plain = len(again.effects) <= len(best.effects) or required(again) == 0.0
+            if as_plain and self._likeliest(base, [best, again]):
                 best, grown_minor = again, minor_again
         minor = grown_minor if grown_minor is not None else minor
         selected = self.account(base, best, effects, judged)
@@ -104,7 +106,7 @@ class ForwardSelection(CandidateSearch):
             if self.best_of(base, (model, grown[best][0].model)) is model:
                 break
             leaders = self._leaders(grown[best])
-            model = self._restarted(base, leaders[0])
+            model = self._on_more_tracks(self._restarted(base, leaders[0]))
             if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
                 model = self.fitted(model)
             leaders = (model, *leaders[1:])
@@ -139,6 +141,30 @@ class ForwardSelection(CandidateSearch):
         core = list(self.core)
         q[core] = base.q[core]
         return self.best_of(base, (model, self.fitted(model, q)))
+
+    def _on_more_tracks(self, model: CandidateModel) -> CandidateModel:
+        """A candidate whose effects act on further tracks, too, where that shows beside the others:
+        one track is found first where it goes further into a limit."""
+        at, every = self.model.index, self.model.parameters
+        for id in model.effects:
+            own = [every[k] for k in self.model.of(id) if k in model.free]
+            tracks = {p.track for p in own}
+            if -1 in tracks or not tracks or self.model.inputs > self.model.tracks:
+                continue
+            for i in sorted({*range(self.model.tracks)} - tracks):
+                q, here = model.q.copy(), min(tracks)
+                for p in (p for k in self.model.of(id) for p in [every[k]] if p.track == here):
+                    there = at[id, p.name, i]
+                    factor = 1.0 if p.of.choice else every[there].scale / p.scale
+                    q[there] = every[there].within(q[at[id, p.name, here]] * factor)
+                added = [at[id, p.name, i] for p in own if p.track == here]
+                touched = np.arange(self.model.tracks) == i
+                wide = self.fitted(replace(model, touched=touched), q, (*model.free, *added))
+                evidence = self.evidence(model, wide, 1)
+                proven = evidence.significant and evidence.ratio < RULE.own_part
+                if proven and not ended(self.model, id, wide)[i]:
+                    model = replace(wide, touched=model.touched | touched)
+        return model
 
     def _next(
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
