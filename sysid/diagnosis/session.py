@@ -47,6 +47,10 @@ class DiagnosisSession:
         """Measurement noise of each output, (ny,)."""
         return self.noise.value
 
+    def noise_with(self, candidate: CandidateModel) -> NoiseFloor:
+        """The noise, where the errors of a model that misses less show it to be lower."""
+        return self.noise.or_less(noise_of(self.base, candidate))
+
     @property
     def nothing(self) -> Selection:
         """Before anything is named."""
@@ -92,7 +96,8 @@ class DiagnosisSession:
                 self.remains,
                 needed,
             )
-        return self._apart(selection)
+        quieter = replace(self, noise=self.noise_with(selection.final), _shapes={})
+        return (quieter if selection.selected else self)._apart(selection)
 
     def _apart(self, selection: Selection) -> "SelectionResult":
         """A sampling lag belongs to both models and is not reported as an effect."""
@@ -126,7 +131,7 @@ class DiagnosisSession:
         something is missing for sure, errors need not be far above the noise to ask for more.
         """
         old, new = (n.errors.mean_squares()[1] for n in (self.base.model, candidate))
-        floor = np.minimum(self.floor, noise_of(self.base, candidate).value)
+        floor = self.noise_with(candidate).value
         noise = VERDICT.residual_power_to_noise * floor**2
         # a small share of a large gap may be far above the noise: an effect beside a large one
         minor = 0.01 * VERDICT.min_share * np.maximum(old - floor**2, noise)

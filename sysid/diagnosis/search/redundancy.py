@@ -30,6 +30,8 @@ def is_redundant(
         return False
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
     taken, gap = now - then, first - then
+    if alike and not np.any(taken >= RULE.redundant * gap):
+        return True
     small = RULE.look_alike if alike else 0.01 * VERDICT.min_share
     enough = bool(np.any(taken >= small * gap))
     return not enough and not explains_most_of_remainder(rest, whole, noise)

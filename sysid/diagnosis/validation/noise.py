@@ -37,6 +37,12 @@ class NoiseFloor:
     low: Array
     high: Array
 
+    def or_less(self, other: "NoiseFloor") -> "NoiseFloor":
+        """Of each output the lower of two estimates."""
+        lower = other.value < self.value
+        ends = ((other.value, self.value), (other.low, self.low), (other.high, self.high))
+        return NoiseFloor(*(np.where(lower, theirs, own) for theirs, own in ends))
+
     def at_least(self, rounding: Array) -> "NoiseFloor":
         """No lower than what the steps of a coarse sensor leave, whatever noise hides them, (ny,).
 

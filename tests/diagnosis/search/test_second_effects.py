@@ -57,6 +57,7 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
     study = session(search=SimpleNamespace(needed=0.9), model=node(50 * NOISE))
+    monkeypatch.setattr(DiagnosisSession, "noise_with", lambda study, _: study.noise)
     assert (study.remains(node(left * NOISE, "load-bias")) > 0.0) is searched
 
 
