@@ -106,11 +106,13 @@ class ForwardSelection(CandidateSearch):
             if self.best_of(base, (model, grown[best][0].model)) is model:
                 break
             leaders = self._leaders(grown[best])
-            model = self._on_more_tracks(self._restarted(base, leaders[0]))
+            model = self._restarted(base, leaders[0])
             if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
                 model = self.fitted(model)
             leaders = (model, *leaders[1:])
-        return self.pruned(base, self.fitted(model)), minor
+        model = self.pruned(base, self.fitted(model))
+        wide = self._on_more_tracks(base, model)
+        return model if wide is model else self.pruned(base, wide), minor
 
     def _leaders(self, passed: Sequence[ScoredCandidate]) -> list[CandidateModel]:
         """The likeliest of accepted candidates, and a few that no log can distinguish from it."""
@@ -142,29 +144,46 @@ class ForwardSelection(CandidateSearch):
         q[core] = base.q[core]
         return self.best_of(base, (model, self.fitted(model, q)))
 
-    def _on_more_tracks(self, model: CandidateModel) -> CandidateModel:
-        """A candidate whose effects act on further tracks, too, where that shows beside the others:
-        one track is found first where it goes further into a limit."""
-        at, every = self.model.index, self.model.parameters
+    def _on_more_tracks(self, base: CandidateModel, model: CandidateModel) -> CandidateModel:
+        """A candidate whose effects act on further tracks, too, where that shows beside the others,
+        or instead of what acts there alone: one track is found first where it goes further into a
+        limit."""
+        if self.model.inputs > self.model.tracks:
+            return model
         for id in model.effects:
-            own = [every[k] for k in self.model.of(id) if k in model.free]
-            tracks = {p.track for p in own}
-            if -1 in tracks or not tracks or self.model.inputs > self.model.tracks:
-                continue
-            for i in sorted({*range(self.model.tracks)} - tracks):
-                q, here = model.q.copy(), min(tracks)
-                for p in (p for k in self.model.of(id) for p in [every[k]] if p.track == here):
-                    there = at[id, p.name, i]
-                    factor = 1.0 if p.of.choice else every[there].scale / p.scale
-                    q[there] = every[there].within(q[at[id, p.name, here]] * factor)
-                added = [at[id, p.name, i] for p in own if p.track == here]
-                touched = np.arange(self.model.tracks) == i
-                wide = self.fitted(replace(model, touched=touched), q, (*model.free, *added))
+            on = self._on(model, id)
+            for i in sorted({*range(self.model.tracks)} - {*on}) if on else ():
+                wide = self._also_on(model, id, i)
                 evidence = self.evidence(model, wide, 1)
-                proven = evidence.significant and evidence.ratio < RULE.own_part
-                if proven and not ended(self.model, id, wide)[i]:
-                    model = replace(wide, touched=model.touched | touched)
+                tried = [wide] * (evidence.significant and evidence.ratio < RULE.own_part)
+                if not tried:
+                    only = (o for o in model.effects if self._on(model, o) == (i,))
+                    instead = [self._also_on(self.without(model, o), id, i) for o in only]
+                    tried = [w for w in instead if self._likeliest(base, [model, w])]
+                tried = [w for w in tried if not ended(self.model, id, w)[i]]
+                if tried:
+                    wide = self.best_of(base, tried)
+                    model = replace(wide, touched=model.touched | wide.touched)
         return model
+
+    def _also_on(self, model: CandidateModel, id: str, track: int) -> CandidateModel:
+        """A candidate with one of its effects on a further track, too, fitted from the numbers that
+        it has where it acts."""
+        at, every = self.model.index, self.model.parameters
+        q, here = model.q.copy(), self._on(model, id)[0]
+        own = [k for k in self.model.of(id) if every[k].track == here]
+        there = [at[id, every[k].name, track] for k in own]
+        for k, n in zip(own, there, strict=True):
+            factor = 1.0 if every[k].of.choice else every[n].scale / every[k].scale
+            q[n] = every[n].within(q[k] * factor)
+        free = [n for k, n in zip(own, there, strict=True) if k in model.free]
+        touched = np.arange(self.model.tracks) == track
+        return self.fitted(replace(model, touched=touched), q, (*model.free, *free))
+
+    def _on(self, model: CandidateModel, id: str) -> tuple[int, ...]:
+        """Tracks on which an effect has free parameters of their own; none where they share it."""
+        tracks = {self.model.parameters[k].track for k in self.model.of(id) if k in model.free}
+        return tuple(sorted(tracks - {-1}))
 
     def _next(
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
@@ -222,23 +241,20 @@ class ForwardSelection(CandidateSearch):
     def pruned(self, base: CandidateModel, model: CandidateModel) -> CandidateModel:
         """Drop effects, and those of single tracks, that the others have made needless."""
         while len(model.effects) > 1:
-            parts = [(id, at) for id in model.effects for at in (None, *self._tracks(model, id))]
+            of_tracks = [(id, self._on(model, id)) for id in model.effects]
+            parts = [(id, at) for id, on in of_tracks for at in (None, *(on if on[1:] else ()))]
             rests = [self.without(model, *part) for part in parts]
             best = self.best_of(base, rests)
             _, at = parts[rests.index(best)]
             touched = np.arange(self.model.tracks) == at
             whole = self._beside(model, best) if at is None else replace(model, touched=touched)
             evidence = self.evidence(best, whole, 1)
-            if evidence.significant and evidence.ratio < RULE.own_part:
+            needed = evidence.significant and evidence.ratio < RULE.own_part
+            corrects = at is None and is_redundant(base, best, whole, self.data.noise)
+            if needed and not corrects:
                 break
             model = best
         return model
-
-    def _tracks(self, model: CandidateModel, id: str) -> tuple[int, ...]:
-        """Tracks on which alone an effect may be needless: each of several that it acts on."""
-        parameters = [self.model.parameters[k] for k in self.model.of(id) if k in model.free]
-        tracks = sorted({p.track for p in parameters})
-        return tuple(tracks) if len(tracks) > 1 and tracks[0] >= 0 else ()
 
     def account(
         self,
