@@ -20,7 +20,7 @@ from sysid.diagnosis.search.full_model import NO_LIMIT
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
 from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
-from sysid.effects.catalogue import CHANGED
+from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
 
 
@@ -128,13 +128,24 @@ def estimates_of(
             selection.intervals.get(k),
             sampled(model, k, candidate.q),
         )
-        for k in model.of(named.id)
+        for k in _telling(base, candidate, named.id)
         if k in at
     }
     if not any(n.away for n in parameters.values()) or all(n.away for n in parameters.values()):
         return tuple(parameters.values())
     acting = _acting_alone(base, candidate, tuple(parameters))
     return tuple(parameters[k] for k in acting or parameters)
+
+
+def _telling(base: Base, candidate: CandidateModel, id: str) -> tuple[int, ...]:
+    """Slots of an effect whose numbers show whether it is there: all, or of one that ties tracks
+    the first of its law. Without that tie, the others only bend each track's own response."""
+    effect, model = about(id), base.search.model
+    own = model.of(id)
+    law = effect.law(model.chosen(effect, candidate.q))
+    if not effect.couples or law is None:
+        return own
+    return tuple(k for k in own if model.parameters[k].name == law.parameters[0])
 
 
 def _acting_alone(base: Base, candidate: CandidateModel, own: Sequence[int]) -> tuple[int, ...]:
