@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from sysid.effects.base import (
+    CommandPart,
     Context,
     Effect,
     EffectParameter,
@@ -340,7 +341,7 @@ EFFECTS = (
                 "the light of a corrected lamp is: above 0 small commands do less than others.",
             ),
         ),
-        of_remote=True,
+        command_part=CommandPart.STICK,
         hints=Hints(
             ties=("supply-sag",),
             programmes=(LEVELS, ONE_AND_OTHER, COASTING),
@@ -381,6 +382,7 @@ EFFECTS = (
             EffectParameter("two", "", 0.0, 0.0, 1.0, (0.0,) * 4 + (1.0,) * 2, choice=True),
         ),
         _rate_limit,
+        command_part=CommandPart.CONTROLLER,
         memory=Memory(
             1,
         ),

@@ -36,10 +36,21 @@ class TorquePart(Enum):
     FRICTION = "what resists the motion of the shaft"
 
 
+class CommandPart(Enum):
+    """Which part of the way of a command an effect changes; they act in this order, delays first.
+
+    A ramp passes through a dead zone at its own rate.
+    """
+
+    STICK = "the curve of whoever commands"
+    CONTROLLER = "how fast a controller lets the command change"
+    DRIVE = "limits, dead zones and lags of what it drives"
+
+
 FRICTION_BEFORE_LOADS, LIMITS_BEFORE_RAMPS, ORDER = 1, 2, 3
 """Orders of the chain: that of older files, which name none, where weights and the fading of a warm
 motor act behind friction; that of ``TorquePart``, where limits and dead zones of a bridge act
-before the ramp of the controller that commands it; and that of today."""
+before the ramp of the controller that commands it; and that of ``CommandPart``."""
 
 
 class StartsFrom(Enum):
@@ -352,8 +363,7 @@ class Effect:
         constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
             parameters and that do not change from step to step.
         part: of an effect on the torque, which part of it: the order in which they act.
-        of_remote: whether it bends the command where that is given: before ramps and filters of a
-            controller.
+        command_part: of an effect on the command, which part of its way.
         memory: what it carries from step to step.
         holds: (parameters) → torque with which it holds a track at standstill.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
@@ -380,7 +390,7 @@ class Effect:
     step: Step
     constants: Constants | None = None
     part: TorquePart = TorquePart.LOAD
-    of_remote: bool = False
+    command_part: CommandPart = CommandPart.DRIVE
     memory: Memory = Memory()
     holds: Callable[[Mapping[str, Signal]], Signal] | None = None
     undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None

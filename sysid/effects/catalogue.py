@@ -21,6 +21,7 @@ from sysid.effects.base import (
     FRICTION_BEFORE_LOADS,
     LIMITS_BEFORE_RAMPS,
     ORDER,
+    CommandPart,
     Effect,
     Hints,
     Place,
@@ -127,11 +128,10 @@ def chain_effects() -> tuple[Effect, ...]:
 def in_chain(effects: Iterable[Effect], order: int = ORDER) -> tuple[Effect, ...]:
     """Effects between command and reading in the order in which they act.
 
-    Within the command delays come first, then the curve of a remote control, then ramps and filters
-    of a controller, and last limits, dead zones and gains of what it drives: a ramp passes through
-    a dead zone at its rate. Within the reading effects with memory come first: what has none can
-    then be computed for a whole record at once. Within the torque the drive comes first, then
-    loads, then friction.
+    Within the command delays come first, then the stick, the controller and what it drives, of
+    which effects with memory come last. Within the reading those come first: what has none can then
+    be computed for a whole record at once. Within the torque the drive comes first, then loads,
+    then friction.
 
     Args:
         order: ``ORDER``, or an earlier one, in which models were stored.
@@ -151,7 +151,7 @@ def _rank(e: Effect, order: int) -> tuple[int, int]:
     memory = 0 if e.memory.of_inputs else 2 if e.memory.states else 1
     within = -memory if e.place is Place.READING else memory
     if e.place is Place.COMMAND and order > LIMITS_BEFORE_RAMPS:
-        within = 3 if memory == 1 and not e.of_remote else memory
+        within = 0 if e.memory.of_inputs else 10 * list(CommandPart).index(e.command_part) + memory
     if e.place is Place.TORQUE and order != FRICTION_BEFORE_LOADS:
         within = list(TorquePart).index(e.part)
     return list(Place).index(e.place), within

@@ -142,8 +142,8 @@ def _telling(base: Base, candidate: CandidateModel, id: str) -> tuple[int, ...]:
     the first of its law. Without that tie, the others only bend each track's own response."""
     effect, model = about(id), base.search.model
     own = model.of(id)
-    law = effect.law(model.chosen(effect, candidate.q))
-    if not effect.couples or law is None:
+    law = effect.law(model.chosen(effect, candidate.q)) if effect.couples else None
+    if law is None:
         return own
     return tuple(k for k in own if model.parameters[k].name == law.parameters[0])
 

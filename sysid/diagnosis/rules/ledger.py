@@ -1,6 +1,6 @@
 """What may speak against an accepted effect: the list of rules, and how it is walked."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -50,9 +50,28 @@ def confirmed(
     selection = measured(session.base, selection)
     while (said := objection(OBJECTIONS, session, selection)) is not None:
         rejected.append(said)
-        rest = session.base.search.without_effect(selection, said.id)
-        selection = measured(session.base, rest)
+        gone = {r.id for r in rejected}
+        other = _tied_instead(session, selection, said.id, gone)
+        selection = other or measured(
+            session.base, session.base.search.without_effect(selection, said.id)
+        )
     return selection, tuple(rejected)
+
+
+def _tied_instead(
+    session: DiagnosisSession, selection: Selection, id: str, gone: Collection[str]
+) -> Selection | None:
+    """What ties with a rejected effect in its place, if no rule speaks against that; else None."""
+    search = session.base.search
+    (named,) = (n for n in selection.selected if n.id == id)
+    for rival in (r for r in named.ties if r in named.rivals and r not in gone):
+        model = named.rivals[rival]
+        selected = search.account(selection.base, model, search.model.effects, ())
+        other = replace(selection, final=model, selected=selected, intervals={})
+        other = measured(session.base, other)
+        if objection(OBJECTIONS, session, other) is None:
+            return other
+    return None
 
 
 def objection(
