@@ -88,9 +88,8 @@ def ended(model: FullModel, id: str, candidate: CandidateModel) -> NDArray[np.bo
     """Tracks on which a free parameter of an effect ends on a bound, or where it does nothing, that
     is no value of the effect, (tracks,)."""
     tracks = np.zeros(model.tracks, dtype=bool)
-    first = about(id).parameters[0].name
     for k in (k for k in candidate.free if model.parameters[k].owner == id):
-        p, value = model.parameters[k], candidate.q[k]
+        p, value, first = model.parameters[k], candidate.q[k], about(id).parameters[0].name
         at_end = on_bound(p, value) and not p.of.at_limit
         if p.null in (p.lower, p.upper) and _at(p, value, p.null):
             at_end = p.name == first and not p.of.at_null
