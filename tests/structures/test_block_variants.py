@@ -13,9 +13,11 @@ from sysid.estimation.assessment.advice import beyond_range
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
+from sysid.structures.blocks.static.functions import parse_static
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.blocks.trials import ChainData, Effort, Trial
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
+from sysid.structures.blocks.wiener_hammerstein_starts import ways_to_deal
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -224,3 +226,26 @@ def test_a_state_that_nothing_shows_does_not_stop_a_descent(kind: str) -> None:
         hidden[s.chain.n] = 0.01 if kind == "wiener-hammerstein" else 1.4
         found = Trial(s, hidden).descended(data, Effort(100, 1e-9))
         assert found.cost < 1.02 * best.cost
+
+
+def test_the_pair_that_is_split_is_the_best_damped_one() -> None:
+    """Two real poles of two filters that are seen as one pair of damping .97 beside .39 and .46."""
+    slow, damped, quick = 0.895 + 0.164j, 0.864 + 0.029j, 0.691 + 0.401j
+    poles = np.array([z for p in (slow, damped, quick) for z in (p, p.conjugate())])
+    dealt = ways_to_deal(poles, 3)
+    assert len(dealt) == 4  # of two pairs and two equal poles
+    for first, second in dealt:
+        for block in (first, second):
+            assert np.sum(np.isclose(block, abs(damped))) == 1
+
+
+def test_a_spline_ends_where_fitted_samples_end() -> None:
+    """What is held out reaches further, but nothing says how the curve goes there."""
+    u = np.linspace(-1.0, 1.0, 400)
+    u[350:] *= 3.0
+    held_out = np.arange(400) >= 350
+    data = ChainData.of([record(u, 2.0 * u, noise=0.0)], [held_out])
+    orders = {"nb1": 1, "nf1": 0, "nb": 1, "nf": 0, "nk": 0}
+    line = Trial(WienerHammerstein.from_orders(orders, 1, 1), np.array([1.0, 2.0, 0.0]))
+    (spline,) = line.reshaped([[parse_static("spline:5")]], data).structure.statics[0]
+    assert spline.stages[0].knots[-1] == pytest.approx(u[349])

@@ -332,6 +332,9 @@ def outer_abscissae(chain: BlockChain) -> list[int]:
 def _with_statics(trial: Trial, layer: int, statics: Sequence[Static], data: ChainData) -> Trial:
     """The trial with other statics in one layer, each following the one it replaces.
 
+    A spline ends where the samples that are fitted end: what is held out would stretch it to where
+    nothing says how it goes, and one such sample would decide between all trials.
+
     A gain that the new static does not have goes to the linear block beside it. Statics of the
     same text stay as they are, points included. Nothing is fitted: cost and held-out error are
     those of before.
@@ -350,8 +353,11 @@ def _with_statics(trial: Trial, layer: int, statics: Sequence[Static], data: Cha
             new.append(old.statics[c])
             parts.append(parameters_of_static)
             continue
-        x = np.concatenate([s[layer][c] for s in signals])
-        value = np.concatenate([s[layer + 1][c] for s in signals])
+        shown = data.kept if _has_spline(static) else [np.ones_like(k) for k in data.kept]
+        x, value = (
+            np.concatenate([s[k][c][mask] for s, mask in zip(signals, shown, strict=True)])
+            for k in (layer, layer + 1)
+        )
         shape = shaped(static, x, value, upright=old.last)
         p = shape.p
         if shape.gain != 1.0 and old.last:
@@ -370,6 +376,10 @@ def _with_statics(trial: Trial, layer: int, statics: Sequence[Static], data: Cha
     structure = trial.structure.with_chain(BlockChain(tuple(layers), chain.nu))
     start = np.concatenate([theta[: place.start], *parts, theta[place.stop :], states.ravel()])
     return replace(trial, structure=structure, p=start)
+
+
+def _has_spline(static: Static) -> bool:
+    return any(stage.kind == "spline" for stage in static.stages)
 
 
 def _scale_states(chain: BlockChain, k: int, states: Array, gain: float, row: int) -> None:

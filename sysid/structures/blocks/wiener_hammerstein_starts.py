@@ -53,7 +53,7 @@ def ranked_starts(
     pools = input_denominators(shortened(records, BLA_SAMPLES), degrees)
     for known, pool, n in zip(deals, pools, first, strict=True):
         for denominator in pool:
-            dealt = _deals(np.roots(denominator).astype(np.complex128), n)
+            dealt = ways_to_deal(np.roots(denominator).astype(np.complex128), n)
             known += [d for d in dealt if not any(_same(d, k) for k in known)]
     count = max(len(d) for d in deals)
     starts = []
@@ -71,10 +71,11 @@ def ranked_starts(
     return starts
 
 
-def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
+def ways_to_deal(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
     """All ways to give ``first`` poles to the first block, complex pairs kept together.
 
-    Where only a split pair gives that number, the best damped pair becomes two real poles.
+    Where only a split pair gives that number, the pair of the largest damping ratio becomes two
+    real poles: two that lie close together are often seen as such a pair.
     """
     groups: list[Poles] = []
     for z in sorted(poles, key=lambda z: (-abs(z), z.imag)):
@@ -90,10 +91,16 @@ def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
             deals.append((np.array(dealt_poles), np.array(rest)))
     if deals:
         return deals
-    best_damped = max((g[0] for g in groups if len(g) == 2), key=lambda z: abs(np.angle(z)))
+    best_damped = max((g[0] for g in groups if len(g) == 2), key=_damping)
     paired = np.abs(poles - best_damped) < REAL
     paired |= np.abs(poles - np.conj(best_damped)) < REAL
-    return _deals(np.where(paired, np.abs(poles) + 0j, poles), first)
+    return ways_to_deal(np.where(paired, np.abs(poles) + 0j, poles), first)
+
+
+def _damping(z: complex) -> float:
+    """Damping ratio −ln|z| / |ln z| of the pair of a pole z: 1 where it is two equal real poles."""
+    log = np.log(complex(z))
+    return float(-log.real / abs(log))
 
 
 def _same(a: tuple[Poles, Poles], b: tuple[Poles, Poles]) -> bool:
@@ -129,7 +136,7 @@ def _started(
             return None
         gain = float(np.concatenate([r.u[:, j] for r in data.records]).std()) / spread
         v = [x * gain for x in v]
-        joined = np.concatenate(v)
+        joined = np.concatenate([x[kept] for x, kept in zip(v, data.kept, strict=True)])
         knots = np.linspace(joined.min(), joined.max(), size)
         stage = replace(parse_static(FIRST).stages[0], knots=tuple(knots.tolist()))
         statics.append(Static((stage,)))
